@@ -30,6 +30,7 @@ mod path;
 mod prior;
 mod result;
 mod series;
+mod sought;
 mod spatial;
 mod speed;
 mod survey;
@@ -116,6 +117,12 @@ fn along<const D: usize, const N: usize>(
 
 /// Returns the motion of a second search; none if the stations are at one place.
 fn agile<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
+    bending::<D>(record).map(|jerk| ProcessNoise::with_jerk(AGILE * AGILE * jerk))
+}
+
+/// Returns the jerk that bends a path, in the time of the record, by about the distance between the stations;
+/// none if the stations are at one place.
+fn bending<const D: usize>(record: &Record<'_>) -> Option<f64> {
     let spread = |axis: usize| {
         let own = record.stations.iter().skip(axis).step_by(D);
         let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
@@ -123,9 +130,9 @@ fn agile<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
         });
         (high - low).powi(2)
     };
-    let square = AGILE * AGILE * (0..D).map(spread).sum::<f64>();
+    let square = (0..D).map(spread).sum::<f64>();
     let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
-    (jerk > 0.0 && jerk.is_finite()).then(|| ProcessNoise::with_jerk(jerk))
+    (jerk > 0.0 && jerk.is_finite()).then_some(jerk)
 }
 
 /// Removes systematic errors from the measurements of a path, and collects the results.

@@ -91,7 +91,7 @@ fn again<const D: usize, const N: usize>(
     let mut own = Setting { record, motion: setting.motion, smoother };
     let measured = Rc::new(Measured::new(record, record.values.to_vec()));
     let mirror = found.sides.as_ref().map(|sides| sides.mirror.clone());
-    let found = Found::first(&mut own, &measured, mirror)?.without_outliers(&mut own, &measured)?;
+    let (found, _) = Found::sought(&mut own, &measured, mirror, true)?;
     setting.smoother = own.smoother;
     Ok(found)
 }

@@ -19,7 +19,7 @@ const MOST: f64 = 9.0;
 /// Factors of the stated noise with which instants are located for the beginning of a path. The factors are
 /// tried in turn as long as at most one in `HARDLY_ANY` instants has a position.
 const LARGER: [f64; 4] = [3.0, 10.0, 30.0, 100.0];
-const HARDLY_ANY: usize = 10;
+pub(super) const HARDLY_ANY: usize = 10;
 /// Cost (ns) per number of an instant, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
@@ -119,7 +119,7 @@ impl Fixes {
     }
 
     /// Whether hardly any instant has a position.
-    fn are_hardly_located(&self) -> bool {
+    pub(super) fn are_hardly_located(&self) -> bool {
         let located = (0..self.fixes.len()).filter(|&t| self.is_located(t)).count();
         HARDLY_ANY * located <= self.fixes.len()
     }

@@ -60,7 +60,7 @@ pub(super) fn known(motion: ProcessNoise) -> ProcessNoiseFit {
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
     /// Smooths positions; if no motion is given, the likeliest one is searched, starting near the previous
     /// one.
-    fn smoothed(
+    pub fn smoothed(
         &mut self,
         plots: &Plots,
         motion: Option<ProcessNoise>,
@@ -181,7 +181,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
 
     /// Updates the uncertainty of the distance from the mirror, and reflects positions that are on the wrong
     /// side.
-    fn stay_beside(&mut self) {
+    pub fn stay_beside(&mut self) {
         let Some(sides) = &mut self.sides else { return };
         sides.learn(&self.path.covariance);
         for (t, state) in self.path.mean.chunks_exact_mut(N).enumerate() {

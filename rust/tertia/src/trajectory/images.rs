@@ -14,6 +14,11 @@ use std::rc::Rc;
 /// Size of a residual, in sigmas, above which its cost no longer grows.
 const MOST: f64 = 4.0;
 
+/// Gain of ln of the likelihood from which a path that may cross the plane is preferred, and difference from
+/// which the other of two paths on either side is wrong.
+const LIKELIER: f64 = 10.0;
+const FAR: f64 = 20.0;
+
 /// Knowledge about the side of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Side {
@@ -53,23 +58,51 @@ pub(super) fn begin<const D: usize, const N: usize>(
     systematic: &Systematic,
 ) -> Result<(Found<D, N>, Side), Failure> {
     let record = setting.record;
-    let mut on = |mirror: Option<Mirror<D>>| {
-        Found::first(setting, measured, mirror)?.without_outliers(setting, measured)
+    let mut on = |mirror: Option<Mirror<D>>, is_wide: bool| {
+        Found::sought(setting, measured, mirror, is_wide)
     };
-    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None)?, Side::Known)) };
+    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None, true)?.0, Side::Known)) };
     if record.initial.is_some() {
-        return Ok((on(Some(mirror))?, Side::Known));
+        return Ok((on(Some(mirror), true)?.0, Side::Known));
     }
-    let path = on(Some(mirror.clone()));
     if mirror.is_exact {
-        return Ok((path?, Side::OneOfTwo));
+        return Ok((on(Some(mirror), true)?.0, Side::OneOfTwo));
     }
-    let (path, image) = match (path, on(Some(mirror.flipped()))) {
+    let mut sides = [on(Some(mirror.clone()), false), on(Some(mirror.flipped()), false)];
+    let values = [0, 1].map(|at| sides[at].as_ref().ok().and_then(|one| one.1));
+    if let Some(likeliest) = values.into_iter().flatten().reduce(f64::max) {
+        // the path may cross the plane, and so does the wide search
+        if let Ok((free, Some(value))) = on(None, true)
+            && value > likeliest + LIKELIER
+        {
+            let is_behind = |t: usize| mirror.distance(free.path.position::<D>(t)) < 0.0;
+            let behind = (0..record.len()).filter(|&t| is_behind(t)).count();
+            let own = match behind {
+                0 => Some((0, mirror.clone())),
+                _ if behind == record.len() => Some((1, mirror.flipped())),
+                _ => None,
+            };
+            let own = own.map(|(at, side)| (at, on(Some(side), true)));
+            match own {
+                Some((at, Ok((found, Some(one))))) if one > value - LIKELIER => {
+                    sides[at] = Ok((found, Some(one)));
+                }
+                _ => return Ok((free, Side::Known)),
+            }
+        }
+    }
+    let [path, image] = sides;
+    let ((path, value), (image, other)) = match (path, image) {
         (Ok(path), Ok(image)) => (path, image),
-        (Ok(path), Err(_)) => return Ok((path, Side::Known)),
-        (Err(_), image) if mirror.is_level => return Ok((image?, Side::Behind)),
-        (Err(_), image) => return Ok((image?, Side::Known)),
+        (Ok(path), Err(_)) => return Ok((path.0, Side::Known)),
+        (Err(_), image) if mirror.is_level => return Ok((image?.0, Side::Behind)),
+        (Err(_), image) => return Ok((image?.0, Side::Known)),
     };
+    if let Some((value, other)) = value.zip(other)
+        && (value - other).abs() > FAR
+    {
+        return Ok((if value > other { path } else { image }, Side::Known));
+    }
     let more = cost(record, &image, systematic) - cost(record, &path, systematic);
     let odds = if mirror.is_level { ABOVE } else { 0.0 };
     if more < -AMBIGUOUS - odds {

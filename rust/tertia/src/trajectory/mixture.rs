@@ -1,6 +1,7 @@
 //! Mixture of noise and outliers: their sizes, the share of outliers, and the probabilities of each residual.
 
 use crate::base::distribution::normal_two_sided_quantile;
+use std::f64::consts::TAU;
 
 /// Standard deviation of outliers relative to that of the noise: least value, expected value, and the number
 /// of outliers that the expectation is worth.
@@ -91,6 +92,19 @@ impl Mixture {
             false => 1.0,
         };
         [(1.0 - self.share) * density(inside), side * self.share * density(outside)]
+    }
+
+    /// Lower bound of ln of the density of a residual that is noise with probability `trust`: the residual as
+    /// noise does not include the error of the path.
+    pub fn bound(&self, residual: f64, trust: f64) -> f64 {
+        let normal =
+            |variance: f64| -0.5 * (residual * residual / variance + (TAU * variance).ln());
+        let inside = self.noise.powi(2);
+        let part = |p: f64, share: f64, density: f64| {
+            if p > 0.0 { p * (share.ln() + density - p.ln()) } else { 0.0 }
+        };
+        part(trust, 1.0 - self.share, normal(inside))
+            + part(1.0 - trust, self.share, normal(inside + self.width.powi(2)))
     }
 
     /// Estimates the share and size of outliers and, unless it is held, the size of the noise, by expectation

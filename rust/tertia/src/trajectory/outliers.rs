@@ -14,7 +14,7 @@ use crate::sensors::Kind;
 use std::rc::Rc;
 
 /// Largest number of rounds of weighting in which the noise is estimated, too.
-const ROUNDS: usize = 20;
+pub(super) const ROUNDS: usize = 20;
 /// Change of a position, in standard deviations, up to which no other round is needed.
 const UNCHANGED: f64 = 0.003;
 /// Share of the measurements whose weights may change without a new motion.
@@ -39,18 +39,31 @@ impl<const D: usize, const N: usize> Found<D, N> {
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
     ) -> Result<Self, Failure> {
-        self.measured = Rc::clone(measured);
         if self.plots.count(D) < 2 {
             // a measurement can only be compared with the others of its instant
+            self.measured = Rc::clone(measured);
             let pairs = self.trust.iter_mut().zip(&self.fixes.outlier);
             pairs.filter(|(_, outlier)| **outlier).for_each(|(trust, _)| *trust = 0.0);
             return Ok(self);
         }
         if !setting.record.robust {
+            self.measured = Rc::clone(measured);
             self.relinearise(setting, setting.motion, 1.0)?;
             self.relinearise(setting, setting.motion, 1.0)?;
             return Ok(self);
         }
+        self.weighed(setting, measured, ROUNDS).map(|(found, _)| found)
+    }
+
+    /// Weights the measurements by their distances from the path, with a noise that is reduced in steps.
+    /// Returns the path with the sizes of noise and outliers.
+    pub fn weighed(
+        mut self,
+        setting: &mut Setting<'_, D, N>,
+        measured: &Rc<Measured<D>>,
+        rounds: usize,
+    ) -> Result<(Self, Mixture), Failure> {
+        self.measured = Rc::clone(measured);
         let mut mixture = Mixture::new(self.sizes(setting.record));
         let mut best = None;
         while let Some(sharper) = mixture.sharper() {
@@ -64,12 +77,24 @@ impl<const D: usize, const N: usize> Found<D, N> {
                 (mixture, self) = (likeliest, found);
             }
         }
-        for _ in 0..ROUNDS {
-            if !self.weigh_twice(setting, &mut mixture, false)? {
+        self.refine(setting, &mut mixture, rounds)?;
+        Ok((self, mixture))
+    }
+
+    /// Weights the measurements until the path does not change, in at most this number of rounds; the noise is
+    /// estimated as well.
+    pub fn refine(
+        &mut self,
+        setting: &mut Setting<'_, D, N>,
+        mixture: &mut Mixture,
+        rounds: usize,
+    ) -> Result<(), Failure> {
+        for _ in 0..rounds {
+            if !self.weigh_twice(setting, mixture, false)? {
                 break;
             }
         }
-        Ok(self)
+        Ok(())
     }
 
     /// Weights the measurements by their distances from the path and smooths, first with a new motion and
@@ -110,7 +135,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     }
 
     /// Largest change of a coordinate, in standard deviations.
-    fn moved(&self, before: &[f64]) -> f64 {
+    pub fn moved(&self, before: &[f64]) -> f64 {
         let mut most = 0.0_f64;
         for (t, old) in before.chunks_exact(N).enumerate() {
             for (i, (new, old)) in self.path.position::<D>(t).iter().zip(old).enumerate() {
