@@ -298,7 +298,10 @@ _MESSAGES = {
     PlotStatus.AT_SENSOR: "the target is straight above the radar",
     PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
     PlotStatus.CLOCK_ERROR: "the plot is isolated and much later than others: its clock is wrong",
-    PlotStatus.DUPLICATE: "the plot repeats the one before it, or is a second plot of its target",
+    PlotStatus.DUPLICATE: (
+        "the plot repeats the one before it or the last position of its target, or is a second "
+        "plot of its target"
+    ),
     PlotStatus.NO_QUALITY: "the position has no valid covariance",
     PlotStatus.UNASSOCIATED: (
         "the azimuth matches no confirmed track, or several in nearly the same direction"

@@ -54,9 +54,13 @@ pub struct Smoothed {
 }
 
 impl Trajectory {
-    /// Whether the path is so far from the measurements that it says nothing.
+    /// Whether the path is so far from the measurements that it says nothing, or left out most of them so that
+    /// most of it is unknown.
     pub(super) fn has_diverged(&self) -> bool {
-        self.misfit() > DIVERGED
+        let unknown = self.mean.iter().filter(|value| value.is_nan()).count();
+        let used = self.used().count();
+        let left_out = self.outlier.iter().filter(|is_outlier| **is_outlier).count();
+        self.misfit() > DIVERGED || (2 * unknown > self.mean.len() && left_out > used)
     }
 
     /// Whether the path agrees with nearly all measurements.
@@ -76,10 +80,14 @@ impl Trajectory {
 
     /// Median size of the residuals of the measurements in use.
     fn misfit(&self) -> f64 {
-        let used = self.residual.iter().zip(&self.outlier);
-        let used = used.filter(|(residual, is_outlier)| !residual.is_nan() && !**is_outlier);
-        let mut sizes: Vec<f64> = used.map(|(residual, _)| residual.abs()).collect();
+        let mut sizes: Vec<f64> = self.used().map(f64::abs).collect();
         if sizes.is_empty() { 0.0 } else { median(&mut sizes) }
+    }
+
+    /// Residuals of the measurements in use.
+    fn used(&self) -> impl Iterator<Item = f64> {
+        let used = self.residual.iter().zip(&self.outlier);
+        used.filter(|(residual, is_outlier)| !residual.is_nan() && !**is_outlier).map(|one| *one.0)
     }
 
     /// Returns states that follow from positions of the instants, without biases.
