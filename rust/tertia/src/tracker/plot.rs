@@ -210,7 +210,7 @@ pub enum PlotStatus {
     AtSensor,
     /// It is beyond the range of the radar.
     OutOfRange,
-    /// It repeats the one before it.
+    /// It repeats the one before it or the last position of its target, or is a second plot of its target.
     Duplicate,
     /// It comes alone, long after the others.
     ClockError,
