@@ -263,7 +263,7 @@ def estimate_bearing(
     measurements is computed exactly. In the prior, the correlation is zero with a probability of
     one half, and otherwise uniform between -0.5 and 0.99. For sigma, the noise may also be
     white noise with slow noise in addition: 1/f noise [6]_ with a prior probability of 0.1, or a
-    Gauss-Markov process (AR(1) with a time of 2, 4, 8 ... steps) with one of 0.3.
+    Gauss-Markov process (AR(1) with a time of 2, 4, 8 ... steps) with one of 0.2.
 
     **Slow changes.** If the good measurements are correlated and `correlation` is None, the same
     hypotheses are also fitted to the deviations from a level that changes slowly, in straight lines

@@ -322,10 +322,10 @@ def flicker(y, place):
 
 
 def gauss_markov(y, place):
-    """A single AR(1) process, with a time of 2, 4, 8 ... steps up to the length of the record."""
+    """A single AR(1) process, with a time of 2, 4, 8 ... steps up to four records."""
     lag, length = np.abs(np.subtract.outer(place, place)), place[-1] - place[0] + 1
     time = 2.0 ** np.arange(1, 64)
-    decay = np.exp(-1 / time[time <= length])
+    decay = np.exp(-1 / time[time <= 4 * length])
     shares = (0.2, 0.4, 0.6, 0.8)
     return slow_noise(y, place, [(share, d**lag, d) for d in decay for share in shares])
 
@@ -462,7 +462,7 @@ class Hypothesis:
         kept = np.flatnonzero(self.g[:, 0] > 0.5)
         found = [flicker(y[kept], kept), gauss_markov(y[kept], kept)]
         gain, inflation, phi = np.transpose(found)
-        odds = np.array([0.1, 0.3]) / 0.6 * np.exp(np.minimum(gain - self.gain, 500.0))
+        odds = np.array([0.1, 0.2]) / 0.7 * np.exp(np.minimum(gain - self.gain, 500.0))
         total = 1 + odds.sum()
         self.variance = (self.variance + self.white * odds @ inflation) / total
         self.phi = (self.phi + odds @ phi) / total
