@@ -466,7 +466,7 @@ class Hypothesis:
         total = 1 + odds.sum()
         self.variance = (self.variance + self.white * odds @ inflation) / total
         self.phi = (self.phi + odds @ phi) / total
-        self.of_sigma = np.log(0.6 * total)
+        self.of_sigma = np.log(0.7 * total)
 
     def move(self, levels, n, unit):
         noise = (unit * self.width) ** 2
