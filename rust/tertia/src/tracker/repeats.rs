@@ -20,6 +20,9 @@ const MANY: usize = 64;
 /// Least number of plots in a part, as a share of the number of tracks: each part visits all tracks.
 const SHARE: usize = 8;
 
+/// Times of plots, in order, and their indices.
+type Timed<'a> = &'a [(f64, usize)];
+
 /// A target of a sensor: the sensor, the kind of its identity, and its identity.
 type Name = (usize, u8, i64);
 
@@ -120,10 +123,10 @@ impl Repeats {
 /// reported again: states are more accurate if reports of a target are processed one after another. In that
 /// case the time of this report is returned, too.
 pub(super) fn next_part<'a, P: Plots + ?Sized>(
-    (plots, rest): (&P, &'a [(f64, usize)]),
+    (plots, rest): (&P, Timed<'a>),
     until: f64,
     (tracks, settings): (usize, &Settings),
-) -> (&'a [(f64, usize)], &'a [(f64, usize)], Option<f64>) {
+) -> (Timed<'a>, Timed<'a>, Option<f64>) {
     let end = reported_again((plots, rest), until, (tracks, settings));
     let (now, later) =
         rest.split_at(rest.partition_point(|(time, _)| *time < end.unwrap_or(until)));
@@ -132,7 +135,7 @@ pub(super) fn next_part<'a, P: Plots + ?Sized>(
 
 /// Time before `until` at which a target is reported again, if all sensors report positions.
 fn reported_again<P: Plots + ?Sized>(
-    (plots, rest): (&P, &[(f64, usize)]),
+    (plots, rest): (&P, Timed<'_>),
     until: f64,
     (tracks, settings): (usize, &Settings),
 ) -> Option<f64> {
