@@ -1052,3 +1052,13 @@ def test_the_sigma_of_a_missing_measurement_may_be_missing():
     sigma[3, 0] = NAN
     with pytest.raises(ValueError, match=r"range_sigma\[3, 0\] is nan"):
         locate(places, range=ranges, range_sigma=sigma)
+
+
+def test_sigmas_of_an_instant_without_measurements_may_be_nan():
+    places, none = [[0.0, 0.0], [1e3, 0.0], [0.0, 1e3]], [np.nan] * 3
+    empty = locate(places, range=[none] * 2, range_sigma=[none] * 2)
+    assert np.all(np.equal(empty.status, LocationStatus.TOO_FEW))
+    with pytest.raises(ValueError, match="fewer measurements than coordinates"):
+        locate(places, range=none, range_sigma=none)
+    with pytest.raises(ValueError, match=r"range_sigma\[0\] is nan"):
+        locate(places, range=[500.0, np.nan, np.nan], range_sigma=none)

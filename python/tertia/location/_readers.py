@@ -101,12 +101,16 @@ def deviations(
 
 
 def _where_measured(sigma: FloatArray, measured: npt.ArrayLike, kind: str) -> FloatArray:
-    """Return standard deviations; those of missing measurements are the median of the others."""
+    """Return standard deviations; those of missing measurements are the median of the others.
+
+    If all are missing, they are 1, which has no effect.
+    """
     unknown, values = np.isnan(sigma), array_of(measured, kind)
-    if sigma.shape != values.shape or not unknown.any() or unknown.all():
+    if sigma.shape != values.shape or not unknown.any():
         return sigma
     absent = np.isnat(values) if values.dtype.kind in "mM" else np.isnan(samples(values, kind))
-    return np.where(unknown & absent, np.median(sigma[~unknown]), sigma)
+    other = 1.0 if unknown.all() else np.median(sigma[~unknown])
+    return np.where(unknown & absent, other, sigma)
 
 
 def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:
