@@ -15,15 +15,15 @@ const MARKOV_SHARES: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 /// Ratio of successive time constants of 1/f noise, and of the longest one to the length of the record.
 const RATIO: f64 = 4.0;
 const LONGEST: f64 = 4.0;
-/// Largest number of processes, with time constants of up to 4^15 steps; and a number that suffices for
-/// short records.
+/// Largest number of processes, with time constants of up to 4^15 steps.
 const MOST: usize = 16;
-const FEW: usize = 8;
 /// Shortest time constant of a Gauss-Markov process, ratio of successive ones, and ratio of the longest one to
 /// the length of the record: with a shorter one, a finder that drifts would not be recognised.
 const SHORTEST: f64 = 2.0;
 const MARKOV_RATIO: f64 = 2.0;
 const MARKOV_LONGEST: f64 = 4.0;
+/// Number of variances, none below .05, of which one logarithm is taken.
+const AT_ONCE: usize = 16;
 
 /// Effect of slow noise on the mean of a record.
 #[derive(Clone, Copy, Debug)]
@@ -36,14 +36,13 @@ pub(crate) struct SlowNoise {
     pub correlation: f64,
 }
 
-/// Sums of a filter: Σ ln S, and the squares and products of the innovations of ones and of values,
-/// divided by S.
-#[derive(Clone, Copy, Default)]
-struct Sums {
-    log: f64,
-    ones: f64,
-    cross: f64,
-    squares: f64,
+/// Sums of filters for `L` shares: Σ ln S, and the squares and products of the innovations of ones and of
+/// values, divided by S.
+struct Sums<const L: usize> {
+    log: [f64; L],
+    ones: [f64; L],
+    cross: [f64; L],
+    squares: [f64; L],
 }
 
 /// Values with their indices in the record, and their likelihood if the noise is white.
@@ -70,20 +69,27 @@ impl<'a> Values<'a> {
         (self.values[self.values.len() - 1].0 - self.values[0].0 + 1) as f64
     }
 
-    /// Returns the effect of `K` processes of these correlations per step and equal variances, whose share
-    /// in the variance is given; those of correlation zero do not count.
-    fn effect<const K: usize>(&self, decay: [f64; K], share: f64) -> SlowNoise {
+    /// Returns the effects of at most `K` processes of these correlations per step and equal variances, for
+    /// each of their shares in the variance.
+    fn effects<const K: usize, const L: usize>(
+        &self,
+        decay: &[f64],
+        shares: [f64; L],
+    ) -> [SlowNoise; L] {
         poll();
+        let decay: [f64; K] = std::array::from_fn(|k| decay.get(k).copied().unwrap_or(0.0));
         let count = decay.iter().filter(|d| **d > 0.0).count() as f64;
-        let variance = decay.map(|d| if d > 0.0 { share / count } else { 0.0 });
+        let variance = decay.map(|d| shares.map(|share| if d > 0.0 { share / count } else { 0.0 }));
         let Sums { log, ones, cross, squares } =
             filter(self.values, self.origin, &decay, &variance);
-        let rss = (squares - cross * cross / ones).max(f64::MIN_POSITIVE);
-        SlowNoise {
-            gain: evidence(self.values.len() as f64, log, ones, rss) - self.white,
-            inflation: rss / ones / self.variance,
-            correlation: share * decay.iter().sum::<f64>() / count,
-        }
+        std::array::from_fn(|l| {
+            let rss = (squares[l] - cross[l] * cross[l] / ones[l]).max(f64::MIN_POSITIVE);
+            SlowNoise {
+                gain: evidence(self.values.len() as f64, log[l], ones[l], rss) - self.white,
+                inflation: rss / ones[l] / self.variance,
+                correlation: shares[l] * decay.iter().sum::<f64>() / count,
+            }
+        })
     }
 }
 
@@ -105,12 +111,14 @@ impl SlowNoise {
     /// O(N log² N).
     fn flicker(values: &[(usize, f64)]) -> Option<Self> {
         let values = Values::new(values)?;
-        let (decay, count) = processes(values.length());
-        let found = FLICKER_SHARES.map(|share| match count <= FEW {
-            true => values.effect::<FEW>(std::array::from_fn(|k| decay[k]), share),
-            false => values.effect::<MOST>(decay, share),
+        let decay = processes(values.length());
+        let found = FLICKER_SHARES.map(|share| match decay.len() {
+            ..=4 => values.effects::<4, 1>(&decay, [share]),
+            5..=6 => values.effects::<6, 1>(&decay, [share]),
+            7..=8 => values.effects::<8, 1>(&decay, [share]),
+            _ => values.effects::<MOST, 1>(&decay, [share]),
         });
-        Some(Self::mean(&found))
+        Some(Self::mean(found.as_flattened()))
     }
 
     /// Computes the same for a Gauss-Markov process, over its shares and time constants. O(N log N).
@@ -120,7 +128,7 @@ impl SlowNoise {
             (MARKOV_LONGEST * values.length(), SHORTEST, Vec::new());
         while time <= longest {
             let decay = [(-1.0 / time).exp()];
-            found.extend(MARKOV_SHARES.map(|share| values.effect(decay, share)));
+            found.extend(values.effects::<1, 4>(&decay, MARKOV_SHARES));
             time *= MARKOV_RATIO;
         }
         Some(Self::mean(&found))
@@ -142,54 +150,77 @@ impl SlowNoise {
     }
 }
 
-/// Correlation per step of each process of 1/f noise, and their number.
-fn processes(length: f64) -> ([f64; MOST], usize) {
-    let (mut decay, mut count, mut time) = ([0.0; MOST], 0, 1.0);
-    while count < MOST && time <= LONGEST * length {
-        decay[count] = (-1.0 / time).exp();
-        (count, time) = (count + 1, time * RATIO);
-    }
-    (decay, count)
+/// Correlation per step of each process of 1/f noise.
+fn processes(length: f64) -> Vec<f64> {
+    let times = std::iter::successors(Some(1.0), |time| Some(time * RATIO));
+    let times = times.take(MOST).take_while(|time| *time <= LONGEST * length);
+    times.map(|time| (-1.0 / time).exp()).collect()
 }
 
-/// Filters ones and values at once, with room for `K` processes.
-fn filter<const K: usize>(
+/// Filters ones and values at once, with room for `K` processes, whose variances are given for each of `L`
+/// shares.
+fn filter<const K: usize, const L: usize>(
     values: &[(usize, f64)],
     origin: f64,
     decay: &[f64; K],
-    variance: &[f64; K],
-) -> Sums {
-    let noise = 1.0 - variance.iter().sum::<f64>();
-    // covariance of the prediction, and its row sums
-    let mut covariance: [[f64; K]; K] =
-        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { variance[i] } else { 0.0 }));
-    let (mut one, mut value) = ([0.0; K], [0.0; K]);
-    let mut sums = Sums::default();
+    variance: &[[f64; L]; K],
+) -> Sums<L> {
+    let sum = |of: &[[f64; L]; K]| -> [f64; L] {
+        std::array::from_fn(|l| of.iter().map(|lanes| lanes[l]).sum())
+    };
+    let white = sum(variance).map(|v| 1.0 - v);
+    let new = |f: &[f64; K]| -> [[f64; L]; K] {
+        std::array::from_fn(|i| variance[i].map(|v| v * (1.0 - f[i] * f[i])))
+    };
+    let usual = (*decay, new(decay));
+    // covariance of the prediction
+    let mut covariance = [[[0.0; L]; K]; K];
+    (0..K).for_each(|i| covariance[i][i] = variance[i]);
+    let (mut one, mut value) = ([[0.0; L]; K], [[0.0; L]; K]);
+    let zero = [0.0; L];
+    let mut sums = Sums { log: zero, ones: zero, cross: zero, squares: zero };
+    let mut product = [1.0; L];
     for (t, &(place, y)) in values.iter().enumerate() {
         let gap = values.get(t + 1).map_or(1, |next| next.0 - place);
-        let f = if gap == 1 {
-            *decay
-        } else {
-            decay.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)))
-        };
-        let row: [f64; K] = std::array::from_fn(|j| (0..K).map(|i| covariance[i][j]).sum());
-        let s = noise + row.iter().sum::<f64>();
-        let (e_one, e_value) =
-            (1.0 - one.iter().sum::<f64>(), y - origin - value.iter().sum::<f64>());
-        sums.log += s.ln();
-        sums.ones += e_one * e_one / s;
-        sums.cross += e_one * e_value / s;
-        sums.squares += e_value * e_value / s;
-        for i in 0..K {
-            let g = row[i] / s;
-            one[i] = f[i] * (one[i] + g * e_one);
-            value[i] = f[i] * (value[i] + g * e_value);
-            for j in 0..K {
-                covariance[i][j] = f[i] * f[j] * (covariance[i][j] - g * row[j]);
+        let (f, new) = match gap {
+            1 => usual,
+            _ => {
+                let f = decay.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
+                (f, new(&f))
             }
-            covariance[i][i] += variance[i] * (1.0 - f[i] * f[i]);
+        };
+        let row = covariance.map(|of| sum(&of));
+        let (s, ones, values) = (sum(&row), sum(&one), sum(&value));
+        let s: [f64; L] = std::array::from_fn(|l| white[l] + s[l]);
+        let e_one = ones.map(|o| 1.0 - o);
+        let e_value = values.map(|v| y - origin - v);
+        for l in 0..L {
+            product[l] *= s[l];
+            sums.ones[l] += e_one[l] * e_one[l] / s[l];
+            sums.cross[l] += e_one[l] * e_value[l] / s[l];
+            sums.squares[l] += e_value[l] * e_value[l] / s[l];
+        }
+        if (t + 1) % AT_ONCE == 0 {
+            (0..L).for_each(|l| sums.log[l] += product[l].ln());
+            product = [1.0; L];
+        }
+        for i in 0..K {
+            let g: [f64; L] = std::array::from_fn(|l| row[i][l] / s[l]);
+            for l in 0..L {
+                one[i][l] = f[i] * (one[i][l] + g[l] * e_one[l]);
+                value[i][l] = f[i] * (value[i][l] + g[l] * e_value[l]);
+            }
+            for j in 0..K {
+                for l in 0..L {
+                    covariance[i][j][l] = f[i] * f[j] * (covariance[i][j][l] - g[l] * row[j][l]);
+                }
+            }
+            for l in 0..L {
+                covariance[i][i][l] += new[i][l];
+            }
         }
     }
+    (0..L).for_each(|l| sums.log[l] += product[l].ln());
     sums
 }
 
