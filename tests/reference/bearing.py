@@ -508,7 +508,7 @@ def hypotheses(y, step, rho):
             found += moving(y, step, size)
         for h in found:
             ahead = max(other.weight(0.2) + other.of_sigma for other in found) - h.weight(0.2)
-            if not h.of_levels and h.gain > 2 and (h.modes is None or ahead < 7):
+            if not h.of_levels and h.gain > 0 and (h.modes is None or ahead < 7):
                 h.slow(y)
     logs = [[-np.inf if h.doubt else h.weight(0.4), h.weight(0.2) + h.of_sigma] for h in found]
     w = weights(logs)

@@ -5,6 +5,7 @@
 //! filter yields the likelihood. A Gauss-Markov process is one such AR(1) process, of unknown time constant.
 
 use crate::base::interrupt::poll;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Prior probabilities of 1/f noise and of a Gauss-Markov process beside white noise.
 const FLICKER: f64 = 0.1;
@@ -80,8 +81,8 @@ impl<'a> Values<'a> {
         let decay: [f64; K] = std::array::from_fn(|k| decay.get(k).copied().unwrap_or(0.0));
         let count = decay.iter().filter(|d| **d > 0.0).count() as f64;
         let variance = decay.map(|d| shares.map(|share| if d > 0.0 { share / count } else { 0.0 }));
-        let Sums { log, ones, cross, squares } =
-            filter(self.values, self.origin, &decay, &variance);
+        let filter = Filter { values: self.values, origin: self.origin, decay, variance };
+        let Sums { log, ones, cross, squares } = Arch::new().dispatch(filter);
         std::array::from_fn(|l| {
             let rss = (squares[l] - cross[l] * cross[l] / ones[l]).max(f64::MIN_POSITIVE);
             SlowNoise {
@@ -157,71 +158,84 @@ fn processes(length: f64) -> Vec<f64> {
     times.map(|time| (-1.0 / time).exp()).collect()
 }
 
-/// Filters ones and values at once, with room for `K` processes, whose variances are given for each of `L`
-/// shares.
-fn filter<const K: usize, const L: usize>(
-    values: &[(usize, f64)],
+/// Filters ones and values at once, with `K` processes, whose variances are given for each of `L` shares.
+struct Filter<'a, const K: usize, const L: usize> {
+    values: &'a [(usize, f64)],
     origin: f64,
-    decay: &[f64; K],
-    variance: &[[f64; L]; K],
-) -> Sums<L> {
-    let sum = |of: &[[f64; L]; K]| -> [f64; L] {
-        std::array::from_fn(|l| of.iter().map(|lanes| lanes[l]).sum())
-    };
-    let white = sum(variance).map(|v| 1.0 - v);
-    let new = |f: &[f64; K]| -> [[f64; L]; K] {
-        std::array::from_fn(|i| variance[i].map(|v| v * (1.0 - f[i] * f[i])))
-    };
-    let usual = (*decay, new(decay));
-    // covariance of the prediction
-    let mut covariance = [[[0.0; L]; K]; K];
-    (0..K).for_each(|i| covariance[i][i] = variance[i]);
-    let (mut one, mut value) = ([[0.0; L]; K], [[0.0; L]; K]);
-    let zero = [0.0; L];
-    let mut sums = Sums { log: zero, ones: zero, cross: zero, squares: zero };
-    let mut product = [1.0; L];
-    for (t, &(place, y)) in values.iter().enumerate() {
-        let gap = values.get(t + 1).map_or(1, |next| next.0 - place);
-        let (f, new) = match gap {
-            1 => usual,
-            _ => {
-                let f = decay.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
-                (f, new(&f))
-            }
+    decay: [f64; K],
+    variance: [[f64; L]; K],
+}
+
+impl<const K: usize, const L: usize> WithSimd for Filter<'_, K, L> {
+    type Output = Sums<L>;
+
+    /// Vectorised by the compiler, with the registers of this processor.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Sums<L> {
+        let Self { values, origin, decay, variance } = self;
+        let sum = |of: &[[f64; L]; K]| -> [f64; L] {
+            std::array::from_fn(|l| of.iter().map(|lanes| lanes[l]).sum())
         };
-        let row = covariance.map(|of| sum(&of));
-        let (s, ones, values) = (sum(&row), sum(&one), sum(&value));
-        let s: [f64; L] = std::array::from_fn(|l| white[l] + s[l]);
-        let e_one = ones.map(|o| 1.0 - o);
-        let e_value = values.map(|v| y - origin - v);
-        for l in 0..L {
-            product[l] *= s[l];
-            sums.ones[l] += e_one[l] * e_one[l] / s[l];
-            sums.cross[l] += e_one[l] * e_value[l] / s[l];
-            sums.squares[l] += e_value[l] * e_value[l] / s[l];
-        }
-        if (t + 1) % AT_ONCE == 0 {
-            (0..L).for_each(|l| sums.log[l] += product[l].ln());
-            product = [1.0; L];
-        }
-        for i in 0..K {
-            let g: [f64; L] = std::array::from_fn(|l| row[i][l] / s[l]);
+        let white = sum(&variance).map(|v| 1.0 - v);
+        let new = |f: &[f64; K]| -> [[f64; L]; K] {
+            std::array::from_fn(|i| variance[i].map(|v| v * (1.0 - f[i] * f[i])))
+        };
+        let usual = (decay, new(&decay));
+        // covariance of the prediction
+        let mut covariance = [[[0.0; L]; K]; K];
+        (0..K).for_each(|i| covariance[i][i] = variance[i]);
+        let (mut one, mut value) = ([[0.0; L]; K], [[0.0; L]; K]);
+        let zero = [0.0; L];
+        let mut sums = Sums { log: zero, ones: zero, cross: zero, squares: zero };
+        let mut product = [1.0; L];
+        for (t, &(place, y)) in values.iter().enumerate() {
+            let gap = values.get(t + 1).map_or(1, |next| next.0 - place);
+            let (f, new) = match gap {
+                1 => usual,
+                _ => {
+                    let f = decay.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
+                    (f, new(&f))
+                }
+            };
+            // sums over columns, which are in successive lanes
+            let row: [[f64; L]; K] = std::array::from_fn(|j| {
+                std::array::from_fn(|l| covariance.iter().map(|of| of[j][l]).sum())
+            });
+            let (s, ones, values) = (sum(&row), sum(&one), sum(&value));
+            let s: [f64; L] = std::array::from_fn(|l| white[l] + s[l]);
+            let inverse = s.map(|s| 1.0 / s);
+            let e_one = ones.map(|o| 1.0 - o);
+            let e_value = values.map(|v| y - origin - v);
             for l in 0..L {
-                one[i][l] = f[i] * (one[i][l] + g[l] * e_one[l]);
-                value[i][l] = f[i] * (value[i][l] + g[l] * e_value[l]);
+                product[l] *= s[l];
+                sums.ones[l] += e_one[l] * e_one[l] * inverse[l];
+                sums.cross[l] += e_one[l] * e_value[l] * inverse[l];
+                sums.squares[l] += e_value[l] * e_value[l] * inverse[l];
             }
-            for j in 0..K {
+            if (t + 1) % AT_ONCE == 0 {
+                (0..L).for_each(|l| sums.log[l] += product[l].ln());
+                product = [1.0; L];
+            }
+            for i in 0..K {
+                let g: [f64; L] = std::array::from_fn(|l| row[i][l] * inverse[l]);
                 for l in 0..L {
-                    covariance[i][j][l] = f[i] * f[j] * (covariance[i][j][l] - g[l] * row[j][l]);
+                    one[i][l] = f[i] * (one[i][l] + g[l] * e_one[l]);
+                    value[i][l] = f[i] * (value[i][l] + g[l] * e_value[l]);
+                }
+                for j in 0..K {
+                    for l in 0..L {
+                        covariance[i][j][l] =
+                            f[i] * f[j] * (covariance[i][j][l] - g[l] * row[j][l]);
+                    }
+                }
+                for l in 0..L {
+                    covariance[i][i][l] += new[i][l];
                 }
             }
-            for l in 0..L {
-                covariance[i][i][l] += new[i][l];
-            }
         }
+        (0..L).for_each(|l| sums.log[l] += product[l].ln());
+        sums
     }
-    (0..L).for_each(|l| sums.log[l] += product[l].ln());
-    sums
 }
 
 #[cfg(test)]

@@ -39,9 +39,8 @@ const LEAST_PERSISTENCE: f64 = 1.5;
 const LEAST_OF_MIRROR: f64 = 0.45;
 /// Weight below which hypotheses are left out.
 const LEAST_WEIGHT: f64 = 1e-5;
-/// Slow noise is considered if a correlation adds at least [`LEAST_GAIN`] to the log likelihood, and for
-/// mixtures whose log weight is at most [`FAR_BEHIND`] below the highest.
-const LEAST_GAIN: f64 = 2.0;
+/// Slow noise is considered if a correlation increases the likelihood, and for mixtures whose log weight is at
+/// most this far below the highest.
 const FAR_BEHIND: f64 = 7.0;
 /// Larger exponents are limited to this: they are practically infinite.
 const LARGEST_EXPONENT: f64 = 500.0;
@@ -283,7 +282,7 @@ impl Hypotheses {
             let highest = self.list.iter().map(weight).fold(f64::NEG_INFINITY, f64::max);
             let h = &mut self.list[k];
             let counts = h.modes.is_none() || weight(h) > highest - FAR_BEHIND;
-            if h.levels.is_none() && h.gain > LEAST_GAIN && counts {
+            if h.levels.is_none() && h.gain > 0.0 && counts {
                 let values: Vec<(usize, f64)> = h.kept(y).collect();
                 h.take(&SlowNoise::possible(&values));
             }
