@@ -16,6 +16,8 @@ from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
 from tertia.tables._doubts import doubt, doubt_differences, doubt_ranges, doubt_unit
 from tertia.tables._groups import as_names, column_name, group_name, layout
+from tertia.tables._heights import SCHEMA as HEIGHTS
+from tertia.tables._heights import heights_of
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import own_names
@@ -61,7 +63,8 @@ class Target:
     `values` and `sigmas` are (N, K) for each kind, nan where there is no measurement. `sensors` are
     the stations; moving stations have their positions at the N times. `arrivals` is the clock of
     the times of arrival. If the measurements of each sensor are combined, `singles` has all of
-    them, with `outlier`.
+    them, with `outlier`. `heights` are those of the target and their sigmas,
+    (N, 2), if they are known.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Target:
     sensors: Sensors[Station]
     arrivals: Clock
     singles: pl.DataFrame | None = None
+    heights: FloatArray | None = None
 
     @property
     def has_places(self) -> bool:
@@ -137,6 +141,7 @@ def read_targets(
     results: Sequence[str] = (),
     timed: bool = True,
     tolerance: float = 0.0,
+    heights: bool = False,
 ) -> list[Target]:
     """Return the measurements of each target, sorted by time.
 
@@ -144,12 +149,14 @@ def read_targets(
     (`timed`), all rows of a table without times belong to one instant. Measurements within
     `tolerance` seconds also belong to one instant. If `tolerance` is inf, all measurements of a
     target belong to one instant, and the measurements of each sensor are combined. Without times,
-    times of arrival within a finite `tolerance` belong to one instant.
+    times of arrival within a finite `tolerance` belong to one instant. Heights of the targets are
+    read if that is asked (`heights`).
     """
     near = 0.0 < tolerance < np.inf
     heard = (columns or {}).get("arrival_time_s", "arrival_time_s")
     timed = timed and not (near and all(part.has(heard) for part in source))
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
+    schema = {**schema, **HEIGHTS} if heights else schema
     for part in source:
         _require_kinds(part, own_names(part, source, columns or {}))
     records = read(
@@ -162,7 +169,7 @@ def read_targets(
         records = replace(records, rows=records.rows.with_columns(time=time))
     records, arrivals = _with_arrivals(records)
     placed = names_of_places(records, sensors)
-    measured = _one_by_one(records, placed)
+    measured = _one_by_one(records, [*placed, *(HEIGHTS if heights else ())])
     if not measured["kind"].count():
         raise RecordError("there are no measurements: all values are missing")
     if sensors.dimension == 2 and (measured["kind"] == "elevation").any():
@@ -360,6 +367,7 @@ def _target(  # noqa: PLR0917
         )
         moments = rows["time"][first]
     rows = rows.with_columns(step=pl.Series(step, dtype=pl.Int64))
+    heights = heights_of(rows, times.size)
     rows = rows.filter(pl.col("kind").is_not_null())
     if moves:
         places = local_places(records, rows, sensors)
@@ -376,5 +384,15 @@ def _target(  # noqa: PLR0917
             found[kind] = np.full((times.size, count), np.nan)
             found[kind][at] = own[name].to_numpy() * unit
     return Target(
-        group_name(keys), keys, moments, times, rows, values, sigmas, sensors, arrivals, singles
+        group_name(keys),
+        keys,
+        moments,
+        times,
+        rows,
+        values,
+        sigmas,
+        sensors,
+        arrivals,
+        singles,
+        heights,
     )

@@ -75,7 +75,8 @@ class Positions(Generic[R]):
     @property
     def rows(self) -> pl.DataFrame:
         """A table with one row for each target and time."""
-        return pl.concat([one.rows for one in self.targets])
+        # only targets with heights have columns for them
+        return pl.concat([one.rows for one in self.targets], how="diagonal")
 
     @property
     def sensors(self) -> pl.DataFrame:

@@ -16,7 +16,8 @@ from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import Progress, as_names, beside, prefixed
+from tertia.tables._groups import Progress, as_names, beside, known, prefixed
+from tertia.tables._heights import at_heights, given_heights
 from tertia.tables._instants import check_tolerance
 from tertia.tables._measurements import UNITS, Target, each_of, read_targets, taken
 from tertia.tables._parts import RecordError, Source, source_of
@@ -46,10 +47,13 @@ _BIASED: dict[Kind, str] = {
 # prefixes of the columns of velocity and acceleration, and their units
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
+_OF_HEIGHTS = "height_residual", "height_outlier"
+
 # options that do not depend on each other
 _OF_THE_CALL = (
     *("initial", "n_threads", "range_difference_correlation"),
     *("propagation_speed", "propagation_speed_sigma", "wind_sigma"),
+    *("height", "height_sigma"),
 )
 
 
@@ -68,7 +72,9 @@ def reconstruct(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per sensor and time, or one row per measurement, as for `locate`. All arrival times
-        (`arrival_time_s`) with the same `time_s` belong to one emission.
+        (`arrival_time_s`) with the same `time_s` belong to one emission. Heights of the target,
+        as from a barometer, are in `target_height_m` and `target_height_sigma_m`; those of an
+        instant are averaged.
     sensors : sequence of Station, DataFrame, or str or Path
         The stations, with the names that the table uses: objects, a table with one row per station
         and the columns of sensors files, or the path of a sensors file in TOML. Their systematic
@@ -83,13 +89,16 @@ def reconstruct(
         instant is the mean of their times.
     **options
         Options of `tertia.trajectory.reconstruct`; `propagation_speed` must be a single
-        number.
+        number. So must `height`, which is for all targets, and `height_sigma`, which is also that
+        of rows without one. If the sensors have latitudes and longitudes, heights are above the
+        ellipsoid.
 
     Returns
     -------
     table of the same kind
         One row for each target and time, with the columns of `locate`, and with
-        `velocity_east_m_s`, `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on.
+        `velocity_east_m_s`, `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on. With
+        heights, also `height_residual` and `height_outlier`.
 
     Raises
     ------
@@ -136,14 +145,23 @@ def paths_of(
     """Return the paths of all targets with their measurements, as described in `reconstruct`."""
     require_options(**{name: one for name, one in options.items() if name not in _OF_THE_CALL})
     stations = stations_of(sensors)
-    results = result_names(_MOTION)
+    results = [*result_names(_MOTION), *_OF_HEIGHTS]
     if not math.isfinite(check_tolerance(tolerance)):
         raise ValueError(
             "tolerance is inf; it must be finite, because a path needs several instants"
         )
     targets = read_targets(
-        source, stations, columns=columns, by=by, results=results, tolerance=tolerance
+        source,
+        stations,
+        columns=columns,
+        by=by,
+        results=results,
+        tolerance=tolerance,
+        heights=True,
     )
+    alone = options.get("height_sigma") is not None and options.get("height") is None
+    if alone and all(one.heights is None for one in targets):
+        raise ValueError("height is missing; height and height_sigma belong together")
     doubt_conventions(targets, options)
     doubt_station_clocks(targets, options.get("bias"))
     paths = each_of(progress(targets), lambda one: _path(one, stations, options))
@@ -162,7 +180,14 @@ def _path(
 
     def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Trajectory:
         own = {f"{kind}_sigma": _of_stations(target, kind, one) for kind, one in sigmas.items()}
-        return reconstruct_path(stations, target.times, **(measured | own), **options)
+        every = {**options, **measured, **own}
+
+        given = given_heights(target.heights, options.get("height"), options.get("height_sigma"))
+
+        def path(**heights: Any) -> Trajectory:
+            return reconstruct_path(stations, target.times, **{**every, **heights})
+
+        return at_heights(path, *given, target.sensors)
 
     try:
         speed = options.get("propagation_speed", LIGHT)
@@ -211,6 +236,9 @@ def _rows(target: Target, found: Trajectory, measured: pl.DataFrame) -> pl.DataF
         **covariances(parts[0]),
         **of_instants(target, measured, found.fixes, _has_position(found)),
     }
+    if found.height_residual is not None:
+        residual, outlier = known(found.height_residual), pl.Series(found.height_outlier)
+        rows |= zip(_OF_HEIGHTS, (residual, outlier.set(residual.is_null(), None)), strict=True)
     return beside(target.keys, pl.DataFrame(rows))
 
 

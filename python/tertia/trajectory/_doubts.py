@@ -11,7 +11,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._degrees import warn_if_degrees
-from tertia.trajectory._speed import instants
+from tertia.trajectory._speed import height_rows, instants
 
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
@@ -78,7 +78,7 @@ def doubt_radians(record: dict[str, Any], found: dict[str, Any]) -> None:
     """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
     values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
-        *(None, None, None, ("robust", 3), (True, record["correlation"])),
+        *(None, height_rows(record), None, ("robust", 3), (True, record["correlation"])),
         *(sigmas.size * [False], False, (0.0, 0.0, False), 1),
     )
 

@@ -20,16 +20,10 @@ from tertia._arrays import (
     samples,
     threads,
 )
-from tertia.location import Location, LocationStatus
+from tertia.location import LocationStatus
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import ERRORS, given_biases, said
-from tertia.location._height import (
-    ANYWHERE,
-    azimuths_alone,
-    lifted,
-    without_height,
-    without_heights,
-)
+from tertia.location._height import without_heights
 from tertia.location._readers import (
     checked,
     correlation_of,
@@ -45,6 +39,12 @@ from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._doubts import doubt_radians, warn_of_path
+from tertia.trajectory._height import (
+    fields_of,
+    in_space,
+    read_heights,
+    with_heights,
+)
 from tertia.trajectory._result import Trajectory
 from tertia.trajectory._speed import in_found_medium
 from tertia.trajectory._systematic import (
@@ -78,6 +78,8 @@ def reconstruct(
     propagation_speed: npt.ArrayLike = LIGHT,
     propagation_speed_sigma: float | None = None,
     wind_sigma: float = 0.0,
+    height: npt.ArrayLike | None = None,
+    height_sigma: npt.ArrayLike | None = None,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
     smoother: Smoother = "rts",
@@ -133,6 +135,12 @@ def reconstruct(
         contradict it, as in `tertia.location.locate`.
     wind_sigma : float
         As for `tertia.location.locate`. It requires the same order and smoother.
+    height, height_sigma : array_like of shape () or (N,), optional
+        Last coordinate of the target in metres, as from a barometer, and its standard deviation,
+        only if D = 3; nan where it was not measured. A height is used like the other measurements,
+        and an outlier is left out. Its error has two parts of this standard deviation (the median
+        of `height_sigma`): one is new at each instant, the other lasts (see Notes). The same order
+        and smoother are required, and no bias may have a sigma of inf.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then the positions are smoothed over time.
         "temporal-first": each series of measurements is smoothed over time, and missing values
@@ -230,6 +238,12 @@ def reconstruct(
     the larger result is used. If the autocorrelations of the scores are significant (Geyer 1992), B
     is multiplied by one plus twice their sum.
 
+    **Heights.** Half of the variance of the lasting error of heights is that of a constant, which
+    is estimated from contradictions to the other measurements and subtracted; the other half is
+    that of a drift, as for stations. If nothing contradicts them, the covariance includes all of
+    the lasting error. If there are heights, the stations are only near a plane if this plane is
+    vertical: they determine on which side of any other plane the path is.
+
     **Mirror images.** If all stations lie in a plane, or on a line if D = 2, then their ranges,
     range differences and times of arrival are the same for a target and its mirror image.
     Azimuths are also the same if the plane is horizontal. The whole path is kept on one side of
@@ -324,6 +338,9 @@ def reconstruct(
     is_asked = curves is not None or np.any(given.sigma > 0)
     if is_asked and (order, smoother) != ("spatial-first", "rts"):
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
+    heights = read_heights(
+        (height, height_sigma), (len(times), places.shape[-1]), (order, smoother), prior["flat"]
+    )
     if curves is not None:
         prior["deviation"] = curves[1].ravel().tolist()
     corrected = {
@@ -333,7 +350,9 @@ def reconstruct(
     if curves is not None and "azimuth" in corrected:
         corrected["azimuth"] = corrected["azimuth"] - curves[0]
     values, own = _by_station(corrected, sigmas, (len(times), k))
-    places, axes, flat = without_heights(places, axes, measured)
+    places, axes, flat = (
+        without_heights(places, axes, measured) if heights is None else (places, axes, False)
+    )
     usual, differ = _usual(own, values), any(sigma.ndim > 1 for sigma in sigmas.values())
     record = {
         "stations": places,
@@ -344,6 +363,7 @@ def reconstruct(
         "values": values,
         "sigmas": usual,
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
+        "height": None if heights is None else heights.for_path,
         "correlation": correlation,
         "speed_sigma": 0.0,
         "wind": None,
@@ -367,7 +387,7 @@ def reconstruct(
         doubt_radians(record, found)
     if found["failure"] is not None:
         _raise(found["failure"], stations)
-    found = _in_space(found) if flat else found
+    found = in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
     warn_of_path(found, values, timed=any(prior["bias_sigma"][-k:]))
@@ -377,8 +397,11 @@ def reconstruct(
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
         covariance=found["covariance"],
-        fixes=_with_heights(
-            location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals), found, values
+        fixes=with_heights(
+            location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals),
+            found,
+            values,
+            heights,
         ),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
@@ -390,6 +413,7 @@ def reconstruct(
         propagation_speed_sigma=speed.sigma if speed.relative > 0 else None,
         wind=wind.mean,
         wind_covariance=wind.covariance,
+        **fields_of(found),
     )
 
 
@@ -404,39 +428,6 @@ def _by_station(
         if kind == "range":
             values[:, at][~near_enough(array, sigmas[kind])] = np.nan
     return values, own
-
-
-def _in_space(found: dict[str, Any]) -> dict[str, Any]:
-    """Return a path in the plane as one in space, whose heights are unknown."""
-    mean, covariance = lifted(found["mean"], found["covariance"])
-    smoothed = found["smoothed"]
-    if smoothed is not None:
-        spread, innovation, *others = smoothed
-        _, spread = lifted(found["mean"], spread)
-        innovation = np.pad(innovation, ((0, 0), (0, 1)), constant_values=np.nan)
-        smoothed = spread, innovation, *others
-    position, accuracy, *others = found["fixes"]
-    fixes = *lifted(position, accuracy), *others
-    return found | {"mean": mean, "covariance": covariance, "smoothed": smoothed, "fixes": fixes}
-
-
-def _with_heights(fixes: Location, found: dict[str, Any], values: FloatArray) -> Location:
-    """Return single positions, without heights where only azimuths are left, (N, 5, K).
-
-    Raise an error if the other instants do not determine the heights of the path.
-    """
-    if fixes.position.shape[-1] == 2:
-        return fixes
-    kept = np.where(found["outlier"], np.nan, values)
-    alone = azimuths_alone(dict(zip(KINDS, np.moveaxis(kept, 1, 0), strict=True)))
-    variance = found["covariance"][:, 2, 2]
-    if alone.any() and ANYWHERE**2 < np.median(variance) < np.inf:
-        raise ValueError(
-            f"the height of the path is not determined: at {np.count_nonzero(alone)} of "
-            f"{len(alone)} instants only azimuths were measured; measure more elevations or "
-            "ranges, or leave out those that there are"
-        )
-    return without_height(fixes, alone)
 
 
 def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:

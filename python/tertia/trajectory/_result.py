@@ -63,12 +63,19 @@ class Trajectory(Result):
     wind, wind_covariance : ndarray of shape (2,) and (2, 2), or None
         Estimated wind in m/s, east and north, and its covariance; None if no `wind_sigma` was
         given.
+    height_residual, height_outlier : ndarray of shape (N,), or None
+        As `residual` and `outlier`, for the given heights; None if no `height` was given.
+    height_bias, height_bias_sigma : float or None
+        Estimated constant error of the heights in metres, which was subtracted, and the standard
+        deviation of their remaining lasting error; nan if there is only one position, and None if
+        no `height` was given.
     """
 
     _rows: ClassVar = "time", 0
     _omitted: ClassVar = (
         *("bias", "smoothed", "fixes", "mirror_image"),
         *("propagation_speed", "propagation_speed_sigma", "wind", "wind_covariance"),
+        *("height_bias", "height_bias_sigma"),
     )
 
     time: FloatArray
@@ -87,6 +94,10 @@ class Trajectory(Result):
     propagation_speed_sigma: float | FloatArray | None = None
     wind: FloatArray | None = None
     wind_covariance: FloatArray | None = None
+    height_residual: FloatArray | None = None
+    height_outlier: BoolArray | None = None
+    height_bias: float | None = None
+    height_bias_sigma: float | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -113,6 +124,7 @@ class Trajectory(Result):
         n, d = len(self.position), np.count_nonzero(seen)
         known = np.count_nonzero(~np.isnan(self.position[:, seen]).any(axis=-1))
         left = int(np.sum(self.outlier.count))
+        left += 0 if self.height_outlier is None else np.count_nonzero(self.height_outlier)
         sigma = float(np.median(np.sqrt(np.sum(self.sigma[:, seen] ** 2, axis=-1))))
         missing = self.systematic == "not included"
         note = ", systematic error not included" if missing else ""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
+from tertia._arrays import FloatArray
 from tertia.location._arrivals import Arrivals
 from tertia.location._speed import Speed
 from tertia.location._wind import Wind
@@ -35,7 +36,7 @@ def in_found_medium(
         record["values"],
         record["sigmas"][np.newaxis] if own is None else own,
         None if record["surveys"] is None else np.array(record["surveys"]),
-        None,
+        height_rows(record),
         None,
         ("robust", 3),
         (True, record["correlation"]),
@@ -55,6 +56,14 @@ def in_found_medium(
         of_medium["wind"] = (wind.covariance / wind.speed**2).tolist()
     found_arrivals = None if arrivals is None else arrivals.at(speed.scale)
     return record | scaled | of_medium, (speed, wind), found_arrivals
+
+
+def height_rows(record: dict[str, Any]) -> FloatArray | None:
+    """Return heights and their sigmas, (N, 2), as `locate` has them."""
+    if record["height"] is None:
+        return None
+    value, sigma, _ = record["height"]
+    return np.column_stack([value, sigma])
 
 
 def instants(record: dict[str, Any]) -> tuple[Any, Any]:

@@ -6,8 +6,11 @@ use crate::arrays::{Array, Input, Marks, Threads, array, release, value_error};
 use crate::location::fix_columns;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use tertia::sensors::KINDS;
-use tertia::trajectory::{self, Failure, Polynomials, Prior, Record, Systematic, Trajectory};
+use tertia::trajectory::{
+    self, Failure, LastingErrors, Polynomials, Prior, Record, Systematic, Trajectory,
+};
 
 /// Position, covariance, residuals and marks of outliers; status, degrees of freedom, chi-square, p-values,
 /// dilutions and standard deviations, as from `locate`.
@@ -21,6 +24,10 @@ type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, [f64; 3]);
 /// and whether any measurements could contradict each other.
 type Lasting = (Vec<f64>, Vec<f64>, f64, f64, bool);
 
+/// Heights: their whitened residuals, the marks of outliers, and their lasting error with its standard
+/// deviation.
+type Judged<'py> = (Array<'py>, Marks<'py>, f64, f64);
+
 /// Result of a reconstruction, or the reason of its failure with the numbers of the instants or problems.
 #[derive(Default, IntoPyObject)]
 pub struct Reconstructed<'py> {
@@ -32,6 +39,7 @@ pub struct Reconstructed<'py> {
     outlier: Option<Marks<'py>>,
     residual: Option<Array<'py>>,
     bias: Option<Lasting>,
+    height: Option<Judged<'py>>,
     image: Option<Array<'py>>,
     is_behind: bool,
     may_cross: bool,
@@ -39,7 +47,8 @@ pub struct Reconstructed<'py> {
 
 /// Measurements of stations: positions (K, D) or (N, K, D), axes, standard deviations of the positions
 /// (K), times, errors of the clocks (K), values (N, 5, K) and standard deviations (5, K), or one for each value (N, 5, K); relative
-/// standard deviation of the signal speed, and covariance of the wind in units of this speed.
+/// standard deviation of the signal speed, and covariance of the wind in units of this speed; heights (N), nan
+/// where missing, their standard deviations (N) and the usual one.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
@@ -51,6 +60,7 @@ pub struct Measured<'py> {
     values: Input<'py>,
     sigmas: Input<'py>,
     own_sigmas: Option<Input<'py>>,
+    height: Option<(Input<'py>, Input<'py>, f64)>,
     correlation: f64,
     speed_sigma: f64,
     wind: Option<[[f64; 2]; 2]>,
@@ -79,6 +89,35 @@ pub struct Steps {
     deviation: Option<Vec<f64>>,
 }
 
+/// Measurements of the instants, and their standard deviations.
+struct Rows<'a> {
+    values: Cow<'a, [f64]>,
+    sigmas: Cow<'a, [f64]>,
+    own: Option<Cow<'a, [f64]>>,
+}
+
+impl Rows<'_> {
+    /// Appends the height to the measurements of each instant.
+    fn with_heights(self, height: &[f64], sigma: &[f64], usual: f64) -> Self {
+        let width = self.sigmas.len();
+        let beside = |rows: &[f64], last: &[f64]| {
+            let pairs = rows.chunks_exact(width).zip(last);
+            pairs.flat_map(|(row, last)| row.iter().chain([last])).copied().collect()
+        };
+        let own = match &self.own {
+            Some(own) => beside(own, sigma),
+            None => beside(&self.sigmas.repeat(height.len()), sigma),
+        };
+        Self {
+            values: beside(&self.values, height),
+            sigmas: beside(&self.sigmas, &[usual]),
+            own: Some(own),
+        }
+    }
+}
+
+const SHAPES: &str = "the shapes do not fit together";
+
 /// Reconstructs a trajectory from measurements.
 #[pyfunction]
 #[pyo3(signature = (measured, steps, n_threads))]
@@ -95,15 +134,32 @@ pub fn reconstruct<'py>(
     let (values, sigmas) =
         (measured.values.blocks("values", 2)?, measured.sigmas.blocks("sigmas", 2)?);
     let own = measured.own_sigmas.as_ref().map(|own| own.blocks("sigmas", 2)).transpose()?;
+    let (n, k) = (time.values.len(), sigmas.values.len() / KINDS);
+    let fits = values.values.len() == n * KINDS * k
+        && own.as_ref().is_none_or(|own| own.values.len() == n * KINDS * k);
+    let mut rows = Rows {
+        values: Cow::Borrowed(&values.values),
+        sigmas: Cow::Borrowed(&sigmas.values),
+        own: own.as_ref().map(|own| Cow::Borrowed(&*own.values)),
+    };
+    let mut usual = None;
+    if let Some((height, sigma, own)) = &measured.height {
+        let (height, sigma) = (height.numbers("height")?, sigma.numbers("height_sigma")?);
+        if !fits || d != 3 || [height.len(), sigma.len()] != [n; 2] {
+            return Err(PyValueError::new_err(SHAPES));
+        }
+        rows = rows.with_heights(&height, &sigma, *own);
+        usual = Some(*own);
+    }
     let record = Record {
         stations: &stations.values,
         axes: axes.as_ref().map(|axes| &*axes.values),
         surveys: measured.surveys.as_deref(),
         time: &time.values,
         clocks: measured.clocks.as_deref(),
-        values: &values.values,
-        sigmas: &sigmas.values,
-        own_sigmas: own.as_ref().map(|own| &*own.values),
+        values: &rows.values,
+        sigmas: &rows.sigmas,
+        own_sigmas: rows.own.as_deref(),
         correlation: measured.correlation,
         speed_sigma: measured.speed_sigma,
         wind: measured.wind,
@@ -111,13 +167,12 @@ pub fn reconstruct<'py>(
         initial: measured.initial.as_deref(),
         n_threads,
     };
-    let (n, k) = (record.time.len(), record.sigmas.len() / KINDS);
-    if !steps.fit(&record, (n, k, d)) {
-        return Err(PyValueError::new_err("the shapes do not fit together"));
+    if !fits || !steps.fit(&record, (n, k, d)) {
+        return Err(PyValueError::new_err(SHAPES));
     }
     let found = release(py, f64::INFINITY, || match d {
-        2 => steps.take::<2, 6>(&record),
-        _ => steps.take::<3, 9>(&record),
+        2 => steps.take::<2, 6>(&record, usual),
+        _ => steps.take::<3, 9>(&record, usual),
     })?;
     match found {
         Ok(found) => Reconstructed::new(py, found, n, d, k),
@@ -138,9 +193,7 @@ impl Steps {
     /// Whether all shapes are those of N instants and K stations in D dimensions.
     fn fit(&self, record: &Record<'_>, (n, k, d): (usize, usize, usize)) -> bool {
         let fits = |size: usize, count: usize| size == count || size == n * count;
-        record.values.len() == n * KINDS * k
-            && record.own_sigmas.is_none_or(|own| own.len() == n * KINDS * k)
-            && fits(record.stations.len(), k * d)
+        fits(record.stations.len(), k * d)
             && record.surveys.is_none_or(|surveys| surveys.len() == k)
             && record.clocks.is_none_or(|clocks| clocks.len() == k)
             && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
@@ -155,24 +208,35 @@ impl Steps {
     fn take<const D: usize, const N: usize>(
         &self,
         record: &Record<'_>,
+        height_sigma: Option<f64>,
     ) -> Result<Trajectory, Failure> {
         let polynomials = self.polynomials.map(|(window, degree)| Polynomials { window, degree });
         match polynomials {
             _ if self.temporal_first => trajectory::temporal_first::<D, N>(record, polynomials),
             Some(polynomials) => trajectory::by_polynomials::<D, N>(record, polynomials),
-            None => trajectory::reconstruct::<D, N>(record, self.jerk, &self.systematic()),
+            None => {
+                let systematic = self.systematic(height_sigma);
+                trajectory::reconstruct::<D, N>(record, self.jerk, &systematic)
+            }
         }
     }
 
-    fn systematic(&self) -> Systematic {
+    fn systematic(&self, height_sigma: Option<f64>) -> Systematic {
         match &self.flat {
             Some(kinds) => Systematic::Flat(kinds.clone()),
-            None => Systematic::Lasting(Prior {
-                sigma: self.bias_sigma.clone(),
-                share: self.drift_share.clone(),
-                time: self.drift_time.clone(),
-                deviation: self.deviation.clone(),
-            }),
+            None => {
+                let prior = Prior {
+                    sigma: self.bias_sigma.clone(),
+                    share: self.drift_share.clone(),
+                    time: self.drift_time.clone(),
+                    deviation: self.deviation.clone(),
+                };
+                let k = self.bias_sigma.len() / (KINDS + 1);
+                Systematic::Lasting(match height_sigma {
+                    Some(sigma) => prior.with_heights(sigma, k),
+                    None => prior,
+                })
+            }
         }
     }
 }
@@ -182,8 +246,19 @@ impl<'py> Reconstructed<'py> {
         Self { failure: Some((why, numbers)), ..Self::default() }
     }
 
-    fn new(py: Python<'py>, found: Trajectory, n: usize, d: usize, k: usize) -> PyResult<Self> {
-        let states = 3 * d;
+    fn new(py: Python<'py>, mut found: Trajectory, n: usize, d: usize, k: usize) -> PyResult<Self> {
+        let (states, last) = (3 * d, KINDS * k);
+        let mut height = None;
+        if found.residual.len() > n * last {
+            let residual = split_off(&mut found.residual, last);
+            let outlier = split_off(&mut found.outlier, last);
+            split_off(&mut found.fixes.residual, last);
+            split_off(&mut found.fixes.outlier, last);
+            // with a single position, nothing lasting is estimated
+            let of = |own: &mut LastingErrors| (own.value.remove(last), own.sigma.remove(last));
+            let (value, sigma) = found.bias.as_mut().map_or((0.0, f64::NAN), of);
+            height = Some((array(py, &[n], residual)?, array(py, &[n], outlier)?, value, sigma));
+        }
         let fixes = found.fixes;
         let columns = fix_columns(py, &[n], &fixes.fixes)?;
         let located = (
@@ -207,6 +282,7 @@ impl<'py> Reconstructed<'py> {
             failure: None,
             is_behind: found.is_behind,
             may_cross: found.may_cross,
+            height,
             image: found.image.map(|image| array(py, &[n, d], image)).transpose()?,
             mean: Some(array(py, &[n, states], found.mean)?),
             covariance: Some(array(py, &[n, states, states], found.covariance)?),
@@ -217,4 +293,15 @@ impl<'py> Reconstructed<'py> {
             bias: found.bias.map(|own| (own.value, own.sigma, own.share, own.time, own.is_told)),
         })
     }
+}
+
+/// Removes the last number of each row, of which the others are `width` numbers, and returns these.
+fn split_off<T: Copy>(rows: &mut Vec<T>, width: usize) -> Vec<T> {
+    let last = rows.iter().skip(width).step_by(width + 1).copied().collect();
+    let mut at = 0;
+    rows.retain(|_| {
+        at += 1;
+        at % (width + 1) != 0
+    });
+    last
 }

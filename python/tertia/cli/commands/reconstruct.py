@@ -77,6 +77,17 @@ def reconstruct(
     propagation_speed: PropagationSpeed = LIGHT,
     propagation_speed_sigma: PropagationSpeedSigma = None,
     wind_sigma: WindSigma = 0.0,
+    height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height of all targets in metres, if the sensors have heights; on the earth, "
+            "above the ellipsoid. Heights that change are in the column target_height_m."
+        ),
+    ] = None,
+    height_sigma: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of the heights in metres, if rows have no other."),
+    ] = None,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -114,6 +125,8 @@ def reconstruct(
             propagation_speed=propagation_speed,
             propagation_speed_sigma=propagation_speed_sigma,
             wind_sigma=wind_sigma,
+            height=height,
+            height_sigma=height_sigma,
             initial=positions.start(initial, stations.dimension),
             n_threads=n_threads,
             progress=over,
@@ -183,7 +196,10 @@ def _say_motion(path: Trajectory) -> None:
 
 
 def _say_bias(one: Located[Trajectory]) -> None:
-    """Print a note if the sigmas do not include systematic errors."""
+    """Print the bias of heights, and a note if the sigmas do not include systematic errors."""
+    if one.result.height_bias is not None:
+        value, sigma = one.result.height_bias, one.result.height_bias_sigma
+        typer.echo(f"  bias of the heights {value:.3g} ± {sigma:.3g} m")
     if one.result.systematic == "not included":
         typer.echo(
             "  systematic errors are not included: no instant has redundant measurements that "

@@ -21,7 +21,7 @@ use super::path::Path;
 use super::prior::Systematic;
 use super::result::Trajectory;
 use crate::base::small::Vector;
-use crate::sensors::KINDS;
+use crate::sensors::{KINDS, Kind};
 use std::rc::Rc;
 
 /// Largest number of turns, and the change of a position in its standard deviations that ends them.
@@ -160,6 +160,11 @@ impl Timed {
                 }
             }
         }
+        if let Some(at) = record.heights() {
+            for (t, row) in timed.own.iter().enumerate() {
+                timed.values[row * width + at] = record.values[t * width + at];
+            }
+        }
         timed
     }
 
@@ -172,7 +177,7 @@ impl Timed {
         seen: f64,
     ) {
         let (width, k) = (record.width(), record.width() / KINDS);
-        for at in (station..width).step_by(k) {
+        for at in (station..KINDS * k).step_by(k) {
             self.values[row * width + at] = record.values[t * width + at];
             if let Some(sigmas) = &mut self.own_sigmas {
                 sigmas[row * width + at] = record.sigmas_at(t)[at];
@@ -210,7 +215,8 @@ impl Timed {
             let rows = |time: f64| measured.rows(t, Place::at(&position_at::<D, N>(path, time)));
             for ((m, now), (_, then)) in rows(*time).zip(rows(time - by)) {
                 let change = now.residual - then.residual;
-                if change.is_finite() {
+                let is_timed = measured.one(m).kind != Kind::Height;
+                if is_timed && change.is_finite() {
                     sigmas[t * record.width() + measured.column[m]] *= change.hypot(1.0);
                 }
             }
@@ -264,12 +270,13 @@ impl Timed {
     /// Arranges numbers of measurements as in the record.
     fn of_measurements<T: Copy>(&self, all: &[T], missing: T) -> Vec<T> {
         let (n, k) = (self.own.len(), self.moved.len() / self.own.len());
-        let of = |(t, kind, station): (usize, usize, usize)| {
-            let row = self.moved[t * k + station];
-            row.map_or(missing, |row| all[(row * KINDS + kind) * k + station])
+        let width = all.len() / self.time.len();
+        let of = |(t, column): (usize, usize)| {
+            let is_height = column >= KINDS * k;
+            let row = if is_height { Some(self.own[t]) } else { self.moved[t * k + column % k] };
+            row.map_or(missing, |row| all[row * width + column])
         };
-        let kinds = |t| (0..KINDS).flat_map(move |kind| (0..k).map(move |own| (t, kind, own)));
-        (0..n).flat_map(kinds).map(of).collect()
+        (0..n).flat_map(|t| (0..width).map(move |column| (t, column))).map(of).collect()
     }
 }
 
@@ -288,7 +295,7 @@ fn rows(
     let mut moved = vec![None; n * k];
     for at in 0..n * k {
         let (t, station) = (at / k, at % k);
-        let own = &record.values[t * width..][..width];
+        let own = &record.values[t * width..][..KINDS * k];
         if own.iter().skip(station).step_by(k).all(|value| value.is_nan()) {
             continue;
         }

@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
 use super::mirror::Mirror;
+use super::tukey::TUKEY;
 use crate::base::angle::nearest;
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
@@ -272,6 +273,7 @@ impl Fixes {
         let method = if record.robust { Method::Robust(REDUNDANCY) } else { Method::LeastSquares };
         let locator = Locator::new(method).with_correlation(record.correlation);
         let cost = LOCATE_NS * values.len() as f64;
+        let (heights, last) = (record.heights(), KINDS * record.receivers());
         let outputs = self
             .position
             .chunks_mut(D * BLOCK)
@@ -289,24 +291,54 @@ impl Fixes {
             |workspace: &mut Workspace<D>, (block, (own, out))| {
                 let ((((position, covariance), residual), outlier), fixes) = out;
                 let at = |i: usize| (block * BLOCK + i) * width;
+                let height = |i: usize| {
+                    let known =
+                        heights.map(|column| (values[at(i) + column], sigmas[at(i) + column]));
+                    known.filter(|known| !known.0.is_nan())
+                };
                 let given: Vec<_> = own
                     .iter()
                     .enumerate()
                     .map(|(i, &t)| Instant {
                         stations: record.stations_at(t, D),
                         axes: record.axes_at(t, D),
-                        values: &values[at(i)..][..width],
-                        sigmas: &sigmas[at(i)..][..width],
+                        values: &values[at(i)..][..last],
+                        sigmas: &sigmas[at(i)..][..last],
                         position_sigmas: None,
-                        height: anywhere::<D>(record.stations_at(t, D), &values[at(i)..][..width]),
+                        height: height(i).or_else(|| {
+                            anywhere::<D>(record.stations_at(t, D), &values[at(i)..][..last])
+                        }),
                         initial: initial.map(|own| &own[(block * BLOCK + i) * D..][..D]),
                     })
                     .collect();
                 let mut out = Output::rows((position, covariance), (residual, outlier), (D, width));
+                for own in &mut out {
+                    // heights are judged below
+                    own.residual = &mut std::mem::take(&mut own.residual)[..last];
+                    own.outlier = &mut std::mem::take(&mut own.outlier)[..last];
+                }
                 locator.locate_all(&given, &mut out, fixes, workspace);
                 Ok(())
             },
         );
+        self.judge_heights::<D>(record, values, sigmas);
+    }
+
+    /// Compares the heights, which no station has measured, with the positions.
+    fn judge_heights<const D: usize>(
+        &mut self,
+        record: &Record<'_>,
+        values: &[f64],
+        sigmas: &[f64],
+    ) {
+        let Some(column) = record.heights() else { return };
+        for t in (0..self.fixes.len()).filter(|&t| self.fixes[t].status == Status::None) {
+            let at = t * record.width() + column;
+            let residual = (values[at] - self.position[t * D + D - 1]) / sigmas[at];
+            let is_redundant = self.fixes[t].degrees_of_freedom >= REDUNDANCY as i64;
+            self.residual[at] = residual;
+            self.outlier[at] = record.robust && is_redundant && residual.abs() >= TUKEY;
+        }
     }
 
     pub(super) fn is_located(&self, t: usize) -> bool {

@@ -242,7 +242,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     /// A measurement that is an outlier with probability q and shifts the position by d adds
     /// `q (1 − q) d d'`, twice because q is itself estimated.
     fn doubted(&self, t: usize, inverse: Matrix<D>) -> Matrix<D> {
-        let width = self.measured.width();
+        let width = self.measured.width;
         let mut whole = inverse;
         for (m, row, _) in self.rows(t) {
             let trust = self.trust[t * width + self.measured.column[m]];
@@ -324,7 +324,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     /// variance of the emission in units of the stated variance (0 except for arrivals). The emission as
     /// estimated from the trusted arrivals is subtracted from arrivals.
     pub fn rows(&self, t: usize) -> impl Iterator<Item = (usize, Row<D>, f64)> {
-        let (place, width) = (self.place(t), self.measured.width());
+        let (place, width) = (self.place(t), self.measured.width);
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
         let emission = self.measured.emission_for_all(t, place, trust);
         self.measured.rows(t, place).filter_map(move |(m, row)| {

@@ -39,7 +39,7 @@ impl<const D: usize> Instant<D> {
         columns: &[usize],
         anchor: f64,
     ) -> Self {
-        Self::of_rows(rows_of(measured, own, weight), (columns, measured.width()), anchor)
+        Self::of_rows(rows_of(measured, own, weight), (columns, measured.width), anchor)
     }
 
     /// Combines several instants into one, with an unknown shift that all of them have in common.
@@ -57,7 +57,7 @@ impl<const D: usize> Instant<D> {
             groups.extend(shared.into_iter().map(moved));
             rows.extend(own);
         }
-        Self::of_rows((rows, groups), (columns, measured.width()), 0.0)
+        Self::of_rows((rows, groups), (columns, measured.width), 0.0)
     }
 
     fn of_rows(
@@ -174,7 +174,11 @@ fn rows_of<const D: usize>(
             };
             let gradient = row.gradient.map(|v| v * sigma);
             let own = weight[m] / (1.0 - shared);
-            let late = -dot(&gradient, &velocity);
+            // heights are those of the instant, whatever the clocks of the stations
+            let late = match measured.one(m).kind {
+                Kind::Height => 0.0,
+                _ => -dot(&gradient, &velocity),
+            };
             rows.push((measured.column[m], own, row.residual * sigma, gradient, late));
         }
     }
@@ -196,7 +200,7 @@ fn rows_of<const D: usize>(
     if arrivals.len() > 1 {
         groups.push(centred(&mut rows, arrivals));
     } else {
-        rows.truncate(arrivals.start);
+        rows.drain(arrivals);
     }
     (rows, groups)
 }

@@ -169,19 +169,24 @@ impl Lasting {
             if let Some(at) = point.alone {
                 lasting.alone[at] += w;
             }
-            // without clocks, whose errors come last
-            let last = columns.partition_point(|column| *column < record.width());
+            // without heights and clocks, whose errors come last
+            let end = record.heights().unwrap_or(record.width());
+            let last = columns.partition_point(|column| *column < end);
             let (constant, drift): (f64, f64) =
-                (point.constant[..last].iter().sum(), point.drift.iter().sum());
+                (point.constant[..last].iter().sum(), point.drift[..last].iter().sum());
             whole += w * (constant + drift);
             drifting += w * drift;
-            let weighted = point.drift.iter().zip(&point.time).filter(|(v, _)| **v > 0.0);
+            let own = point.drift[..last].iter().zip(&point.time);
+            let weighted = own.filter(|(v, _)| **v > 0.0);
             times += w * weighted.map(|(v, time)| v * time).sum::<f64>();
             lasting.values += &mean * *w;
             lasting.constant += covariance * (w * growth);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
-                let left = point.kernel.averaged(times_of_memory / point.time[at]);
+                // few contradictions tell how fast heights drift
+                let is_height = record.heights() == Some(columns[at]);
+                let over = if is_height { 0.0 } else { times_of_memory / point.time[at] };
+                let left = point.kernel.averaged(over);
                 lasting.smooth[at] += w * growth * own * left;
             }
             parts.push((*w, mean));
@@ -214,7 +219,8 @@ impl Lasting {
     ) {
         let (c, k) = (self.columns.len(), record.width() / KINDS);
         let change = &self.values - before;
-        let (mut squares, mut shares) = ([0.0; KINDS], [0.0; KINDS]);
+        // heights come after the kinds of the stations
+        let (mut squares, mut shares) = ([0.0; KINDS + 1], [0.0; KINDS + 1]);
         for instant in instants {
             let left = instant.left(&change);
             for (i, ((column, w, ..), left)) in instant.rows.iter().zip(left).enumerate() {

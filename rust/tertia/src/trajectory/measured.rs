@@ -31,11 +31,12 @@ pub struct Record<'a> {
     /// elevations. None: 0.
     pub clocks: Option<&'a [f64]>,
     /// Ranges, azimuths, elevations, range differences and arrivals (in metres) of each instant, N 5 K
-    /// numbers, nan where missing.
+    /// numbers, nan where missing. In space, the height of the target may come last in each row, which then
+    /// has 5 K + 1 numbers.
     pub values: &'a [f64],
-    /// Usual standard deviations of the measurements, 5 K numbers.
+    /// Usual standard deviations of the measurements, one for each number of a row.
     pub sigmas: &'a [f64],
-    /// Standard deviations of each measurement, N 5 K numbers, if they differ from the usual ones.
+    /// Standard deviations of each measurement, if they differ from the usual ones.
     pub own_sigmas: Option<&'a [f64]>,
     /// Correlation of the errors of the range differences of an instant.
     pub correlation: f64,
@@ -55,9 +56,20 @@ pub struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// Number of columns, 5 K: values that an instant may have.
+    /// Number of columns, 5 K or 5 K + 1: values that an instant may have.
     pub(super) fn width(&self) -> usize {
         self.sigmas.len()
+    }
+
+    /// Number of stations.
+    pub(super) fn receivers(&self) -> usize {
+        self.width() / KINDS
+    }
+
+    /// Column of the heights of the target, which no station measures; none if there are none.
+    pub(super) fn heights(&self) -> Option<usize> {
+        let last = KINDS * self.receivers();
+        (last < self.width()).then_some(last)
     }
 
     pub(super) fn len(&self) -> usize {
@@ -66,7 +78,7 @@ impl<'a> Record<'a> {
 
     /// Variance of the error that all range differences of an instant have in common.
     pub(super) fn common_variance(&self) -> f64 {
-        let k = self.width() / KINDS;
+        let k = self.receivers();
         let differences = &self.sigmas[Kind::RangeDifference as usize * k..][..k];
         let least = differences.iter().copied().fold(f64::NAN, f64::min);
         if least.is_nan() { 0.0 } else { self.correlation * least * least }
@@ -85,12 +97,12 @@ impl<'a> Record<'a> {
     }
 
     pub(super) fn kind_of(&self, column: usize) -> usize {
-        column * KINDS / self.width()
+        column / self.receivers()
     }
 
     /// Column of the first receiver, which has no range differences of its own.
     pub(super) fn reference(&self) -> usize {
-        Kind::RangeDifference as usize * self.width() / KINDS
+        Kind::RangeDifference as usize * self.receivers()
     }
 
     /// Whether a column stands for the error of the first receiver.
@@ -104,11 +116,11 @@ impl<'a> Record<'a> {
     }
 
     pub(super) fn stations_at(&self, instant: usize, d: usize) -> &'a [f64] {
-        part(self.stations, instant, self.width() / KINDS * d)
+        part(self.stations, instant, self.receivers() * d)
     }
 
     pub(super) fn axes_at(&self, instant: usize, d: usize) -> Option<&'a [f64]> {
-        self.axes.map(|axes| part(axes, instant, self.width() / KINDS * d * d))
+        self.axes.map(|axes| part(axes, instant, self.receivers() * d * d))
     }
 }
 
@@ -146,6 +158,8 @@ pub(super) struct Measured<const D: usize> {
     /// Index of the first measurement of each instant, and the number of all measurements.
     first: Vec<usize>,
     origins: Vec<Vector<D>>,
+    /// Number of columns.
+    pub width: usize,
     /// Variance of the error of the first receiver, which range differences share, and the column of this
     /// receiver.
     pub common: f64,
@@ -215,12 +229,17 @@ impl<const D: usize> Measured<D> {
                 list.push(measurement);
                 column.push(place);
             });
+            if let Some(at) = record.heights().filter(|&at| !own[at].is_nan()) {
+                let (value, k) = (own[at] - stations[D - 1], record.receivers());
+                list.push(Measurement::new(Kind::Height, k, [0.0; D], value, sigmas[at]));
+                column.push(at);
+            }
             first.push(list.len());
             origins.push(std::array::from_fn(|i| stations[i]));
         }
         let (common, reference) = (record.common_variance(), record.reference());
-        let is_timed = list.iter().any(|one| one.kind == Kind::Arrival);
-        Self { values, list, column, first, origins, common, reference, is_timed }
+        let (width, is_timed) = (record.width(), list.iter().any(|one| one.kind == Kind::Arrival));
+        Self { values, list, column, first, origins, width, common, reference, is_timed }
     }
 
     /// Range of the indices of the measurements of an instant.
@@ -231,11 +250,6 @@ impl<const D: usize> Measured<D> {
     /// Number of stations.
     pub fn receivers(&self) -> usize {
         self.reference / Kind::RangeDifference as usize
-    }
-
-    /// Number of columns.
-    pub fn width(&self) -> usize {
-        self.receivers() * KINDS
     }
 
     /// Number of all measurements.
@@ -341,7 +355,7 @@ impl<const D: usize> Measured<D> {
 
 /// Returns a value of a column, or nan if it cannot be measured.
 pub(super) fn in_domain(column: usize, width: usize, value: f64) -> f64 {
-    let inside = match column * KINDS / width {
+    let inside = match column / (width / KINDS) {
         0 => value > 0.0,
         2 => value.abs() <= FRAC_PI_2,
         _ => true,

@@ -61,6 +61,10 @@ impl<const D: usize> Mirror<D> {
         if !ranges || has(Kind::Elevation) || turns && D == 2 {
             return None;
         }
+        if record.heights().is_some() {
+            // azimuths distinguish the sides of a vertical plane, heights those of any other
+            return if turns { None } else { Self::upright(&places::<D>(record)) };
+        }
         Self::near(&places::<D>(record), turns)
     }
 
@@ -94,6 +98,17 @@ impl<const D: usize> Mirror<D> {
             normal = normal.map(|v| -v);
         }
         Some(Self { normal, centre, size, is_exact: off <= EXACT * size, is_level })
+    }
+
+    /// Returns the vertical plane in or near which these places are.
+    fn upright(places: &[Vector<D>]) -> Option<Self> {
+        let level: Vec<Vector<2>> = places.iter().map(|p| [p[0], p[1]]).collect();
+        let Mirror { normal, centre, size, is_exact, .. } = Mirror::<2>::near(&level, false)?;
+        let up = places.iter().map(|p| p[UP]).sum::<f64>() / places.len() as f64;
+        let raised =
+            |v: Vector<2>, up: f64| std::array::from_fn(|i| if i < UP { v[i] } else { up });
+        let (normal, centre) = (raised(normal, 0.0), raised(centre, up));
+        Some(Self { normal, centre, size, is_exact, is_level: false })
     }
 
     /// As [`Self::of`], but the normal points to the side of the position near the first instant, if it is

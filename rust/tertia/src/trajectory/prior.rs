@@ -3,11 +3,15 @@
 use super::measured::{Record, seen};
 use crate::sensors::KINDS;
 
+/// Share of the variance of the error of heights that drifts; the correlation time is estimated.
+const HEIGHT_DRIFT: f64 = 0.5;
+
 /// Prior of the lasting errors.
 #[derive(Clone, Debug)]
 pub struct Prior {
-    /// Standard deviations, 5 K numbers: 0 for trusted columns, nan for those to be estimated. The standard
-    /// deviations of the clocks of the stations follow, K numbers, none of them nan.
+    /// Standard deviations, 5 K numbers: 0 for trusted columns, nan for those to be estimated. If there are
+    /// heights, that of their lasting error follows, then those of the clocks of the stations, K numbers, none
+    /// of them nan.
     pub sigma: Vec<f64>,
     /// Shares of the variance that drift, and the correlation times (6 K); nan: to be estimated.
     pub share: Vec<f64>,
@@ -18,6 +22,15 @@ pub struct Prior {
 }
 
 impl Prior {
+    /// Inserts a lasting error of the heights, with this standard deviation, between those of the measurements
+    /// of K stations and those of their clocks.
+    pub fn with_heights(mut self, sigma: f64, k: usize) -> Self {
+        self.sigma.insert(KINDS * k, sigma);
+        self.share.insert(KINDS * k, HEIGHT_DRIFT);
+        self.time.insert(KINDS * k, f64::NAN);
+        self
+    }
+
     /// Columns with measurements that may have lasting errors, and the clocks that may have errors.
     pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
         let width = record.width();

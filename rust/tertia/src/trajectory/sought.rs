@@ -142,7 +142,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let mut sum = 0.0;
         for t in 0..n {
             for (m, row, _) in self.rows(t) {
-                let trust = self.trust[t * self.measured.width() + self.measured.column[m]];
+                let trust = self.trust[t * self.measured.width + self.measured.column[m]];
                 if !row.residual.is_nan() {
                     sum += mixture.bound(row.residual, trust);
                 }

@@ -22,7 +22,10 @@ pub(super) fn add_error<const D: usize, const N: usize>(
 ) -> Result<(), Failure> {
     let record = setting.record;
     let mut values = found.measured.values.clone();
-    Speed { share: sigma, ..Speed::EXACT }.apply(&mut values, record.width() / KINDS);
+    let (speed, k) = (Speed { share: sigma, ..Speed::EXACT }, record.receivers());
+    for instant in values.chunks_exact_mut(record.width()) {
+        speed.apply(&mut instant[..KINDS * k], k);
+    }
     let measured = Measured::<D>::new(record, values);
     let (weight, _) = weights(record, found, &found.lasting(record));
     let (response, spread) = shifts(record, found, &measured, &weight);
@@ -43,7 +46,7 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let record = setting.record;
-    let k = record.width() / KINDS;
+    let k = record.receivers();
     let (weight, _) = weights(record, found, &found.lasting(record));
     let (mut responses, mut spread) = (Vec::new(), Vec::new());
     for axis in 0..2 {
@@ -52,7 +55,8 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
         for (t, instant) in values.chunks_exact_mut(record.width()).enumerate() {
             let size = k * D;
             let places = &record.stations[(t * size) % record.stations.len()..][..size];
-            for (i, value) in instant[Kind::Arrival as usize * k..].iter_mut().enumerate() {
+            let own = &mut instant[Kind::Arrival as usize * k..][..k];
+            for (i, value) in own.iter_mut().enumerate() {
                 *value += sigma * (places[i * D + axis] - places[axis]);
             }
         }
