@@ -29,6 +29,7 @@ from studies import (
     contamination,
     delays,
     existence,
+    extents,
     fixed_echoes,
     flightplan,
     fused_tracks,
@@ -256,6 +257,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "tracker.md": {
         "columns": tracker.columns,
         "late": unhealthy.late,
+        "extents": extents.table,
     },
     "tracker-false-tracks.md": {
         "existence": existence.calibration,

@@ -358,6 +358,7 @@ class Radar:
         detection_probability: float,
         resolution: list[float] | None = None,
         channels: list[list[float] | None] | None = None,
+        extent: float = 0.0,
     ) -> Radar: ...
 
 @final

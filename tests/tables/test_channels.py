@@ -113,6 +113,12 @@ def test_radars_are_described_and_read_again():
             assert found == (expected if expected is None else pytest.approx(expected, rel=1e-12))
 
 
+def test_extents_of_targets_are_described_and_read_again():
+    assert "target_extent_m" not in radar_rows(sensors_of([PLAIN])).columns
+    rows = radar_rows(sensors_of([PLAIN, Radar(**_plain("east"), target_extent=250.0)])).to_dicts()
+    assert [one.target_extent for one in radars(rows).items] == [0.0, 250.0]
+
+
 def _plain(name):
     return {"range_sigma": 60.0, "azimuth_sigma": 1e-3, "scan_period": 4.0, "name": name}
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import instance, positive_number, probability
+from tertia._arrays import instance, positive_number, probability, real
 from tertia.sensors._bias import Bias
 
 # in seconds; as that of radars
@@ -33,6 +33,10 @@ class PositionSensor:
         received within this time, one report counts as missed.
     detection_probability : float
         Probability that a target reports in an update interval.
+    target_extent : float
+        Length in metres of the largest targets, if a target gives several positions at a time, such
+        as a vehicle near a lidar: those that are of one target are combined. With 0 (default), each
+        position is a report of the place of a target.
     bias : Bias or None
         Systematic errors of the reports: `time`, which is how late they are, `east` and `north`.
         Those with a sigma are estimated during registration. None: only `time` is estimated;
@@ -57,6 +61,7 @@ class PositionSensor:
     velocity_sigma: float | None
     update_interval: float
     detection_probability: float
+    target_extent: float
     bias: Bias | None
     name: str | None
 
@@ -68,6 +73,7 @@ class PositionSensor:
         bias: Bias | None = None,
         update_interval: float = 1.0,
         detection_probability: float = 0.97,
+        target_extent: float = 0.0,
         name: str | None = None,
     ) -> None:
         if position_sigma is not None:
@@ -93,5 +99,14 @@ class PositionSensor:
         object.__setattr__(self, "velocity_sigma", velocity_sigma)
         object.__setattr__(self, "update_interval", interval)
         object.__setattr__(self, "detection_probability", detected)
+        object.__setattr__(self, "target_extent", extent(target_extent))
         object.__setattr__(self, "bias", bias)
         object.__setattr__(self, "name", name)
+
+
+def extent(value: float) -> float:
+    """Return the length of the largest targets in metres, after checking it."""
+    length = real(value, "target_extent")
+    if not 0.0 <= length < np.inf:
+        raise ValueError(f"target_extent is {length}; it must be 0 or positive, and finite")
+    return length

@@ -26,7 +26,7 @@ from tertia.sensors._bias import DRIFT_TIME, ERRORS, PLACED, RADAR_LIMITS, Bias
 from tertia.sensors._bias import KINDS as ERROR_KINDS
 from tertia.sensors._channels import Channel, channels_of, narrow, ways
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
-from tertia.sensors._positions import PositionSensor
+from tertia.sensors._positions import PositionSensor, extent
 
 if TYPE_CHECKING:
     from tertia.geo import LocalFrame, SystemPlane
@@ -173,6 +173,10 @@ class Radar:
         Difference in range in metres, and difference in azimuth in radians, at which two targets
         give one common plot with a probability of a half. Give both or neither. If neither is
         given, every target has a plot of its own.
+    target_extent : float
+        Length in metres of the largest targets, if targets are larger than the resolution and give
+        several plots in a scan, such as ships near a radar: the plots of a scan that are of one
+        target are combined. With 0 (default), a target gives one plot in a scan.
     bias : Bias or None
         Systematic errors of range, azimuth and time, with their standard deviations. None: the
         errors are unknown, and their standard deviations are the limits `RADAR_LIMITS`. `Bias()`:
@@ -203,6 +207,7 @@ class Radar:
     channels: Mapping[str, Channel] | None
     range_resolution: float | None
     azimuth_resolution: float | None
+    target_extent: float
     bias: Bias | None
     name: str | None
     frame: SystemPlane | None
@@ -219,6 +224,7 @@ class Radar:
         channels: Mapping[str, Channel] | None = None,
         range_resolution: float | None = None,
         azimuth_resolution: float | None = None,
+        target_extent: float = 0.0,
         bias: Bias | None = None,
         name: str | None = None,
         frame: SystemPlane | None = None,
@@ -252,6 +258,7 @@ class Radar:
             raise ValueError(
                 f"scan_period is {self.scan_period:g}; it must be at least {_FASTEST_SCAN} s"
             )
+        object.__setattr__(self, "target_extent", extent(target_extent))
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "max_range", limit)
         object.__setattr__(self, "detection_probability", detected)

@@ -41,7 +41,12 @@ _RADAR = {
     "scan_period": ("scan_period_s", 1.0),
 }
 _DETECTION = "detection_probability"
-_OPTIONAL = {"max_range": "max_range_m", "detection_probability": _DETECTION}
+_EXTENT = "target_extent_m"
+_OPTIONAL = {
+    "max_range": "max_range_m",
+    "detection_probability": _DETECTION,
+    "target_extent": _EXTENT,
+}
 # channels of a radar, their names in columns, and their properties
 _CHANNELS = {"psr": "psr", "ssr": "ssr", "mode-s": "mode_s"}
 _CHANNEL = {
@@ -66,6 +71,7 @@ _POSITION_SENSOR = {
     "velocity_sigma": "velocity_sigma_m_s",
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
+    "target_extent": _EXTENT,
 }
 # systematic errors of a sensor: their columns, the columns of their sigmas, and factors
 _BIAS = {
@@ -292,6 +298,8 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
     for key, column in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
+    if not any(columns[_EXTENT]):
+        del columns[_EXTENT]
     # if there are channels, only they have detection probabilities
     columns[_DETECTION] = [
         None if one.channels else one.detection_probability for one in sensors.items

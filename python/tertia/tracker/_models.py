@@ -332,6 +332,7 @@ def core_radar(radar: Radar) -> _core.Radar:
         detection_probability=radar.detection_probability,
         resolution=None if size is None or angle is None else [size, angle],
         channels=_core_channels(radar),
+        extent=radar.target_extent,
     )
 
 

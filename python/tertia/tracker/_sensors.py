@@ -147,4 +147,5 @@ def _as_radar(sensor: PositionSensor) -> _core.Radar:
         scan_period=sensor.update_interval,
         max_range=np.inf,
         detection_probability=sensor.detection_probability,
+        extent=sensor.target_extent,
     )

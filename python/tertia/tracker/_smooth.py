@@ -419,6 +419,11 @@ def _sensors_of(values: Any, name: str) -> Sequence[_Sensor]:
         raise TypeError(f"{name} is {values!r}; it must be a sequence of Radar or PositionSensor")
     for i, value in enumerate(values):
         instance(value, f"{name}[{i}]", Radar, PositionSensor)
+        if value.target_extent > 0.0:
+            raise ValueError(
+                f"{name}[{i}].target_extent is {value.target_extent:g}; it must be 0, because "
+                "plots of one target are not combined here"
+            )
     return values
 
 

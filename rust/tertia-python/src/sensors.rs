@@ -20,7 +20,7 @@ impl Radar {
     #[new]
     #[pyo3(signature = (
         *, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability, resolution=None,
-        channels=None
+        channels=None, extent=0.0
     ))]
     #[allow(clippy::too_many_arguments)] // the settings, by name
     fn new(
@@ -32,6 +32,7 @@ impl Radar {
         detection_probability: f64,
         resolution: Option<[f64; 2]>,
         channels: Option<[Option<[f64; 4]>; 3]>,
+        extent: f64,
     ) -> PyResult<Self> {
         let radar = sensors::Radar {
             position,
@@ -41,6 +42,7 @@ impl Radar {
             max_range,
             detection_probability,
             resolution,
+            extent,
             ways: None,
         };
         radar.check().map_err(value_error)?;

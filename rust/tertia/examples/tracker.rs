@@ -19,6 +19,7 @@ fn settings() -> Settings {
         max_range: 80e3,
         detection_probability: 0.95,
         resolution: None,
+        extent: 0.0,
         ways: None,
     };
     Settings::new(vec![radar], Motion::Imm(ImmModel::default()))

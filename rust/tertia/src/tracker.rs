@@ -9,8 +9,8 @@
 //! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
 //! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
 //! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
-//! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan, repeats <-
-//! live <- ending, kept, control, found, late <- lag`; `kinematics, motion <- smooth` beside them.
+//! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan, repeats,
+//! shapes <- live <- ending, kept, control, found, late <- lag`; `kinematics, motion <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -69,6 +69,7 @@ mod row;
 mod scan;
 mod schedule;
 mod settings;
+mod shapes;
 mod share;
 mod sharp;
 mod sight;

@@ -31,6 +31,8 @@ pub struct Radar {
     /// Differences of range, m, and azimuth, rad, at each of which two targets give one common plot with a
     /// probability of a half; `None` if all targets are resolved.
     pub resolution: Option<[f64; 2]>,
+    /// Largest length of targets that give several plots in a scan, m; 0 if each target gives one.
+    pub extent: f64,
     /// The ways of detecting a target, if the channels are known.
     pub ways: Option<Box<Ways>>,
 }
@@ -52,6 +54,8 @@ impl Radar {
             require_positive("range_resolution", range)?;
             require_positive("azimuth_resolution", azimuth)?;
         }
+        let e = self.extent;
+        require("target_extent", e, e >= 0.0 && e.is_finite(), "0 or a positive number")?;
         let p = self.detection_probability;
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
@@ -226,6 +230,7 @@ pub(crate) fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        extent: 0.0,
         ways: None,
     }
 }

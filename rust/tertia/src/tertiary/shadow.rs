@@ -66,6 +66,7 @@ mod tests {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        extent: 0.0,
         ways: None,
     };
 

@@ -135,7 +135,9 @@ pub(super) fn reach(
         .map_or(0.0, |[range, azimuth]| range.max(azimuth * station.about(centre)));
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
-        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most) + merged
+        ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
+            + merged
+            + station.extent
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
     let nearest = station.about(centre) - half[0] - half[1];

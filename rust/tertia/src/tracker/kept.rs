@@ -11,6 +11,7 @@ use super::noise::Noise;
 use super::plans::Plans;
 use super::plot::Measured;
 use super::repeats::Repeats;
+use super::shapes::Shapes;
 use super::track::Track;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,7 @@ pub(super) struct Kept {
     waiting: Vec<Measured>,
     azimuths: Azimuths,
     repeats: Repeats,
+    shapes: Shapes,
 }
 
 impl Tracker {
@@ -51,18 +53,19 @@ impl Tracker {
             waiting: self.waiting.clone(),
             azimuths: self.azimuths.clone(),
             repeats: self.repeats.clone(),
+            shapes: self.shapes.clone(),
         }
     }
 
     /// Restores the state from a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
         let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
-        let Kept { time, next_number, stray, noise, azimuths, repeats, .. } = kept;
+        let Kept { time, next_number, stray, noise, azimuths, repeats, shapes, .. } = kept;
         (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
         (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
         self.noise = noise;
         (self.clusters, self.settings.plans) = (clusters, plans);
         (self.time, self.next_number, self.stray) = (time, next_number, stray);
-        (self.azimuths, self.repeats) = (azimuths, repeats);
+        (self.azimuths, self.repeats, self.shapes) = (azimuths, repeats, shapes);
     }
 }

@@ -240,12 +240,12 @@ impl LagTracker {
     }
 
     fn tell(&self, claims: &[Claim], statuses: &mut Vec<PlotStatus>) {
-        statuses.clear();
-        statuses.extend(claims.iter().map(|claim| match *claim {
+        *statuses = Vec::from_iter(claims.iter().map(|claim| match *claim {
             Ok((number, first)) if number >= self.numbered => PlotStatus::Provisional(first),
             Ok((number, _)) => PlotStatus::Track(number),
             Err(status) => status,
         }));
+        self.tracker.resolve(statuses);
     }
 
     /// Makes all rows final.

@@ -12,6 +12,7 @@ use super::repeats::{Repeats, next_part};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
+use super::shapes::{Shapes, resolve};
 use super::share::SHARES_PER_THREAD;
 use super::track::Track;
 use crate::base::batch::for_each_part;
@@ -64,6 +65,8 @@ pub struct Tracker {
     pub(super) waiting: Vec<Measured>,
     pub(super) azimuths: Azimuths,
     pub(super) repeats: Repeats,
+    /// The shapes of targets that are larger than the resolution of a sensor.
+    pub(super) shapes: Shapes,
     #[serde(skip)]
     scan: Scratch<Scan>,
 }
@@ -98,6 +101,7 @@ impl Tracker {
             waiting,
             azimuths,
             repeats: Repeats::default(),
+            shapes: Shapes::default(),
             scan: Scratch::default(),
         })
     }
@@ -217,6 +221,7 @@ impl Tracker {
         self.waiting.clear();
         self.azimuths.clear();
         self.repeats = Repeats::default();
+        self.shapes = Shapes::default();
         self.level = Level::of(self.settings.heights);
         (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.plots = self.plots.saturating_sub(plots);
@@ -275,6 +280,7 @@ impl Tracker {
             self.stretch(&mut scan, &part, report, rows, n_threads);
         }
         self.scan.0 = scan;
+        self.resolve(statuses);
         let threads = threads(n_threads, self.tracks.len());
         self.finish(end, rows, threads);
         self.bury(threads);
@@ -312,6 +318,9 @@ impl Tracker {
         } else {
             extend(&mut waiting, now, threads, convert);
         }
+        self.shapes.show(&mut self.tracks, &self.settings);
+        let groups = self.shapes.combine(&mut waiting, &self.tracks, &self.settings);
+        groups.late.iter().for_each(|plot| report(*plot, PlotStatus::Duplicate));
         let oldest = hold - WAITING * self.period();
         let mut sky = Sky {
             settings: &self.settings,
@@ -325,14 +334,27 @@ impl Tracker {
             rows,
             threads,
         };
-        scan.process(&mut sky, &mut waiting, [oldest, hold], &mut report);
+        let shapes = &mut self.shapes;
+        scan.process(&mut sky, &mut waiting, [oldest, hold], |plot, status| {
+            report(plot, status);
+            groups.tell(plot, status, shapes, &mut report);
+        });
+        groups.divide(&mut waiting);
         self.waiting = waiting;
+        self.shapes.forget(&self.tracks);
         if self.azimuths.any() {
             let tracks = (&mut self.tracks[..], &self.settings);
             self.azimuths.process(hold, tracks, rows, report);
         }
         self.finish(hold.min(end), rows, threads);
         assume(&mut self.settings.radars, &assumed);
+    }
+
+    /// Gives the last plots, if some were combined with others, the status of these.
+    pub(super) fn resolve(&self, statuses: &mut [PlotStatus]) {
+        if self.settings.has_extents() {
+            resolve(statuses, self.plots - statuses.len());
+        }
     }
 
     /// Time of the first waiting plot.

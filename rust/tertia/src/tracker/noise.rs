@@ -303,7 +303,13 @@ fn axes(stated: [f64; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], [f
     let origin = settings.radars[plot.radar].position;
     let away = [0, 1].map(|i| plot.position[i] - origin[i]);
     let distance = away[0].hypot(away[1]);
-    (away.map(|x| x / distance), [stated[0], stated[1] * distance])
+    let direction = away.map(|x| x / distance);
+    // the noise of plots of extended targets includes their spread
+    if let Some(noise) = placed.filter(|_| settings.radars[plot.radar].extent > 0.0) {
+        let across = [direction[1], -direction[0]];
+        return (direction, [direction, across].map(|axis| noise.form(axis).sqrt()));
+    }
+    (direction, [stated[0], stated[1] * distance])
 }
 
 #[cfg(test)]

@@ -222,6 +222,8 @@ pub enum PlotStatus {
     Unassociated,
     /// It is of a target elsewhere, seen by way of a reflector or a side lobe.
     Reflection,
+    /// It was combined with others of its target, and has the status of the plot with this index.
+    Combined(usize),
 }
 
 impl PlotStatus {
@@ -239,7 +241,8 @@ impl PlotStatus {
             Self::AtSensor => -3,
             Self::OutOfRange => -4,
             Self::ClockError => -5,
-            Self::Duplicate => -6,
+            // the status of a combined plot is that of another one
+            Self::Duplicate | Self::Combined(_) => -6,
             Self::Provisional(first) => FIRST_PROVISIONAL + first as i64,
             Self::NoQuality => -7,
             Self::Unassociated => -8,

@@ -132,6 +132,11 @@ impl Settings {
         }
     }
 
+    /// Whether targets may be larger than the resolution of a sensor.
+    pub(super) fn has_extents(&self) -> bool {
+        self.radars.iter().any(|radar| radar.extent > 0.0)
+    }
+
     /// How positions follow from the plots of a radar.
     #[inline]
     pub(super) fn geometry(&self, radar: usize) -> &Geometry {

@@ -130,6 +130,8 @@ pub(super) struct Track {
     suspicion: Option<Box<Suspicion>>,
     /// Tracks of which it may be a reflection, where that is not known at its first plot.
     rivals: Option<Box<Rivals>>,
+    /// Covariance of plots about the centre of a target that is larger than the resolution of a sensor, m².
+    pub extent: Plane,
 }
 
 /// The other explanation of a plot far from the track: an acceleration instead of an outlier, or the reverse.
@@ -198,6 +200,7 @@ impl Track {
             basis: Basis::default(),
             suspicion: None,
             rivals: None,
+            extent: Plane::default(),
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);

@@ -75,8 +75,8 @@ impl Track {
         self.reported().map_or(f64::NAN, |own| own.height)
     }
 
-    /// The estimate, with a covariance that includes the uncertainty of the height and of what the
-    /// target does.
+    /// The estimate, with a covariance that includes the uncertainty of the height, of what the
+    /// target does, and of its centre.
     pub fn widened(&self) -> Estimate<4> {
         let mut own = match self.lean.as_ref().zip(self.vertical) {
             Some((lean, vertical)) => {
@@ -88,7 +88,15 @@ impl Track {
         let unnoticed = self.filter.unnoticed();
         own.covariance[(2, 2)] += unnoticed;
         own.covariance[(3, 3)] += unnoticed;
-        self.fork.as_ref().map_or(own, |fork| fork.widened(&own))
+        own = self.fork.as_ref().map_or(own, |fork| fork.widened(&own));
+        // the parts of an extended target that are seen may be the same for long
+        if self.extent.xx > 0.0 {
+            own.covariance[(0, 0)] += self.extent.xx;
+            own.covariance[(0, 1)] += self.extent.xy;
+            own.covariance[(1, 0)] += self.extent.xy;
+            own.covariance[(1, 1)] += self.extent.yy;
+        }
+        own
     }
 
     /// Moves a plot to the time of the estimate; the noise of a late plot includes the error of the
