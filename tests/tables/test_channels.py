@@ -114,7 +114,6 @@ def test_radars_are_described_and_read_again():
 
 
 def test_extents_of_targets_are_described_and_read_again():
-    assert "target_extent_m" not in radar_rows(sensors_of([PLAIN])).columns
     rows = radar_rows(sensors_of([PLAIN, Radar(**_plain("east"), target_extent=250.0)])).to_dicts()
     assert [one.target_extent for one in radars(rows).items] == [0.0, 250.0]
 

@@ -41,12 +41,7 @@ _RADAR = {
     "scan_period": ("scan_period_s", 1.0),
 }
 _DETECTION = "detection_probability"
-_EXTENT = "target_extent_m"
-_OPTIONAL = {
-    "max_range": "max_range_m",
-    "detection_probability": _DETECTION,
-    "target_extent": _EXTENT,
-}
+_OPTIONAL = {"max_range": "max_range_m", "detection_probability": _DETECTION}
 # channels of a radar, their names in columns, and their properties
 _CHANNELS = {"psr": "psr", "ssr": "ssr", "mode-s": "mode_s"}
 _CHANNEL = {
@@ -58,6 +53,7 @@ _CHANNEL = {
 _RESOLUTION = {
     "range_resolution": ("range_resolution_m", 1.0),
     "azimuth_resolution": ("azimuth_resolution_deg", math.pi / 180),
+    "target_extent": ("target_extent_m", 1.0),
 }
 _STATION = {
     "range_sigma": ("range_sigma_m", 1.0),
@@ -71,7 +67,7 @@ _POSITION_SENSOR = {
     "velocity_sigma": "velocity_sigma_m_s",
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
-    "target_extent": _EXTENT,
+    "target_extent": "target_extent_m",
 }
 # systematic errors of a sensor: their columns, the columns of their sigmas, and factors
 _BIAS = {
@@ -298,8 +294,6 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
     for key, column in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
-    if not any(columns[_EXTENT]):
-        del columns[_EXTENT]
     # if there are channels, only they have detection probabilities
     columns[_DETECTION] = [
         None if one.channels else one.detection_probability for one in sensors.items
@@ -307,7 +301,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     columns |= _channel_columns([one.channels or {} for one in sensors.items])
     for key, (column, unit) in _RESOLUTION.items():
         sizes = [getattr(one, key) for one in sensors.items]
-        columns[column] = [None if size is None else size / unit for size in sizes]
+        columns[column] = [size / unit if size else None for size in sizes]
     for kind, (*pair, unit) in _BIAS.items():
         for column, name in zip(pair, (kind, f"{kind}_sigma"), strict=True):
             values = [getattr(one.bias, name, None) for one in sensors.items]
@@ -323,9 +317,7 @@ def _channel_columns(channels: Sequence[Mapping[str, Channel]]) -> dict[str, lis
         if any(name in own for own in channels):
             for key, (column, unit) in _CHANNEL.items():
                 cells = [getattr(own.get(name), key, None) for own in channels]
-                columns[f"{prefix}_{column}"] = [
-                    None if one is None else one / unit for one in cells
-                ]
+                columns[f"{prefix}_{column}"] = [one and one / unit for one in cells]
     return columns
 
 
