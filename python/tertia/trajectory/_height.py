@@ -88,8 +88,8 @@ def fields_of(found: dict[str, Any]) -> dict[str, Any]:
     left_out, count = np.count_nonzero(outlier), np.count_nonzero(~np.isnan(residual))
     if left_out > _MOST * count:
         warnings.warn(
-            f"{left_out} of {count} heights contradict the path and are left out: do they refer to "
-            "the same level as the coordinates of the stations, and is height_sigma large enough?",
+            f"{left_out} of {count} heights contradict the path and are left out: is height_sigma "
+            "far too small, or do they refer to another level than the positions of the stations?",
             UserWarning,
             stacklevel=3,
         )

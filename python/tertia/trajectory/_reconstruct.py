@@ -190,7 +190,7 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
-        If more than half of the measurements are left out.
+        If more than half of the measurements, or of the heights, are left out.
         If the path and its mirror image below the stations fit the measurements equally well, if no
         path above the stations fits, or if a path that crosses their plane would be smoother.
 
@@ -241,8 +241,8 @@ def reconstruct(
     **Heights.** Half of the variance of the lasting error of heights is that of a constant, which
     is estimated from contradictions to the other measurements and subtracted; the other half is
     that of a drift, as for stations. If nothing contradicts them, the covariance includes all of
-    the lasting error. If there are heights, the stations are only near a plane if this plane is
-    vertical: they determine on which side of any other plane the path is.
+    the lasting error. The path follows heights of another level than that of the stations. With
+    heights, only a vertical plane of stations leaves two mirror images.
 
     **Mirror images.** If all stations lie in a plane, or on a line if D = 2, then their ranges,
     range differences and times of arrival are the same for a target and its mirror image.
