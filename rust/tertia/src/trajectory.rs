@@ -14,6 +14,7 @@ mod bias;
 mod blocks;
 mod clocks;
 mod contradictions;
+mod damping;
 mod failure;
 mod fixes;
 mod found;
@@ -61,6 +62,8 @@ use std::rc::Rc;
 /// Largest number of rounds near the plane of the stations, where derivatives depend on the uncertainty of
 /// the states.
 const BESIDE: usize = 3;
+/// Largest number of shortened last steps.
+const LAST: usize = 20;
 /// Largest number of rounds in which biases are estimated.
 const ROUNDS: usize = 10;
 /// Distance by which the motion of a second search bends a path in the time of the record, relative to the
@@ -231,7 +234,14 @@ impl States {
             found.settle(true);
         }
         found.is_last = true;
-        found.relinearise(setting, setting.motion, scale)?;
+        // the covariance of a shortened step is too small
+        let mut rounds = 0;
+        while found.relinearise(setting, setting.motion, scale)? {
+            rounds += 1;
+            if rounds > LAST {
+                return Err(Failure::Diverged);
+            }
+        }
         let track = found.plots.track(record.time, D)?;
         let fit = setting.smoother.with_error(&track, found.path.fit);
         let (best, innovation) = setting.smoother.finish(&track, fit);

@@ -40,6 +40,8 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub clocks: Vec<f64>,
     /// Standard deviation of the noise relative to the stated one, at least 1.
     pub scale: f64,
+    /// Whether a step was too long for its derivatives: the path was then far from the target.
+    pub was_far: bool,
     /// Whether the path is the final one: its covariance includes the doubt about which measurements are
     /// outliers.
     pub is_last: bool,
@@ -138,9 +140,21 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];
-        let (clocks, scale, is_last) = (Vec::new(), 1.0, false);
-        let mut found =
-            Self { measured, trust, fixes, plots, path, anchor, sides, clocks, scale, is_last };
+        let (clocks, scale) = (Vec::new(), 1.0);
+        let (was_far, is_last) = (false, false);
+        let mut found = Self {
+            measured,
+            trust,
+            fixes,
+            plots,
+            path,
+            anchor,
+            sides,
+            clocks,
+            scale,
+            was_far,
+            is_last,
+        };
         found.stay_beside();
         if !record.robust {
             for _ in 0..2 {
@@ -151,32 +165,40 @@ impl<const D: usize, const N: usize> Found<D, N> {
     }
 
     /// Linearises the measurements about the path, with a noise of `scale` times the stated one, and smooths.
+    /// Returns whether the step was too long for the derivatives at some instants, and was shortened.
     pub fn relinearise(
         &mut self,
         setting: &mut Setting<'_, D, N>,
         motion: Option<ProcessNoise>,
         scale: f64,
-    ) -> Result<(), Failure> {
+    ) -> Result<bool, Failure> {
+        let whole = self.linearised(setting, motion, scale)?;
+        let is_shortened;
+        (self.plots, self.path, is_shortened) = self.damped(setting, motion, scale, whole)?;
+        self.was_far |= is_shortened;
+        self.stay_beside();
+        Ok(is_shortened)
+    }
+
+    /// Returns the measurements linearised about the path, as positions, and the path through these.
+    pub fn linearised(
+        &mut self,
+        setting: &mut Setting<'_, D, N>,
+        motion: Option<ProcessNoise>,
+        scale: f64,
+    ) -> Result<(Plots, Path), Failure> {
         if self.plots.count(D) < 2 {
             // a single position is the whole path
-            return Ok(());
+            return Ok((self.plots.clone(), self.path.clone()));
         }
         let near = Some(self.path.fit.motion);
         let mut plots = Plots::none(setting.record.len(), D);
         for t in 0..setting.record.len() {
             let Some((inverse, step)) = self.step(setting.record, t, scale) else { continue };
-            let p = self.path.position::<D>(t);
-            for i in 0..D {
-                plots.position[t * D + i] = p[i] + step[i];
-                for j in 0..D {
-                    plots.covariance[(t * D + i) * D + j] = inverse[i][j];
-                }
-            }
+            plots.put(t, self.path.position::<D>(t), &step, &inverse);
         }
-        self.path = setting.smoothed(&plots, motion, near)?;
-        self.plots = plots;
-        self.stay_beside();
-        Ok(())
+        let path = setting.smoothed(&plots, motion, near)?;
+        Ok((plots, path))
     }
 
     /// Updates the uncertainty of the distance from the mirror, and reflects positions that are on the wrong
@@ -262,7 +284,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
 
     /// Returns the information of an instant about its position, and the right-hand side for the step from
     /// the path.
-    fn information(&self, record: &Record<'_>, t: usize) -> (Matrix<D>, Vector<D>) {
+    pub fn information(&self, record: &Record<'_>, t: usize) -> (Matrix<D>, Vector<D>) {
         let place = self.place(t);
         let Some(sides) = &self.sides else { return self.summed(record, t, place) };
         if sides.is_settled {

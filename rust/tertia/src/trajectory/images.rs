@@ -19,6 +19,9 @@ const MOST: f64 = 4.0;
 const LIKELIER: f64 = 10.0;
 const FAR: f64 = 20.0;
 
+/// Ratio of the costs of two paths up to which either may be right.
+const HARDLY_MORE: f64 = 2.0;
+
 /// Knowledge about the side of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Side {
@@ -91,6 +94,17 @@ pub(super) fn begin<const D: usize, const N: usize>(
             }
         }
     }
+    let costs = [0, 1].map(|at| {
+        let own = sides[at].as_ref().ok();
+        own.map_or(f64::INFINITY, |(found, _)| cost(record, found, systematic))
+    });
+    if values == [None, None]
+        && is_lost(&sides, costs)
+        && let Ok((free, _)) = on(None, true)
+        && cost(record, &free, systematic) + LIKELIER < costs[0].min(costs[1])
+    {
+        return Ok((free, Side::Known));
+    }
     let [path, image] = sides;
     let ((path, value), (image, other)) = match (path, image) {
         (Ok(path), Ok(image)) => (path, image),
@@ -103,12 +117,23 @@ pub(super) fn begin<const D: usize, const N: usize>(
     {
         return Ok((if value > other { path } else { image }, Side::Known));
     }
-    let more = cost(record, &image, systematic) - cost(record, &path, systematic);
+    let more = costs[1] - costs[0];
     let odds = if mirror.is_level { ABOVE } else { 0.0 };
     if more < -AMBIGUOUS - odds {
         return Ok((image, Side::Known));
     }
     Ok((path, if more < AMBIGUOUS { Side::OneOfTwo } else { Side::Known }))
+}
+
+/// Whether the cheaper of two paths was far from the target while it was sought, or the other one was and is
+/// hardly more expensive.
+fn is_lost<T, const D: usize, const N: usize>(
+    sides: &[Result<(Found<D, N>, T), Failure>; 2],
+    costs: [f64; 2],
+) -> bool {
+    let was_far = |at: usize| sides[at].as_ref().is_ok_and(|(found, _)| found.was_far);
+    let best = usize::from(costs[1] < costs[0]);
+    was_far(best) || was_far(1 - best) && costs[1 - best] < HARDLY_MORE * costs[best]
 }
 
 /// Half the sum of the squared residuals; columns that are not trusted may have constant errors of the stated

@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use crate::base::error::Error;
 use crate::base::interrupt::poll;
+use crate::base::small::{Matrix, Vector};
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
     Family, Noise, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace, likeliest,
@@ -23,6 +24,22 @@ pub(super) struct Plots {
 impl Plots {
     pub fn none(n: usize, d: usize) -> Self {
         Self { position: vec![f64::NAN; n * d], covariance: vec![f64::NAN; n * d * d] }
+    }
+
+    /// Sets the position of an instant to a step from `from`, with its covariance.
+    pub fn put<const D: usize>(
+        &mut self,
+        t: usize,
+        from: &[f64],
+        step: &Vector<D>,
+        covariance: &Matrix<D>,
+    ) {
+        for i in 0..D {
+            self.position[t * D + i] = from[i] + step[i];
+            for j in 0..D {
+                self.covariance[(t * D + i) * D + j] = covariance[i][j];
+            }
+        }
     }
 
     pub fn is_known(&self, t: usize, d: usize) -> bool {

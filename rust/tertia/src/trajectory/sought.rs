@@ -45,7 +45,8 @@ struct Candidate<const D: usize, const N: usize> {
 
 impl<const D: usize, const N: usize> Found<D, N> {
     /// Returns the path without the measurements that contradict it and, if hardly any instant has a
-    /// position, ln of its likelihood. The search is then repeated with given motions if it `is_wide`.
+    /// position, ln of its likelihood. The search is then repeated with given motions if it `is_wide`, and so
+    /// it is if the path was far from the target.
     pub fn sought(
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
@@ -54,13 +55,18 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<(Self, Option<f64>), Failure> {
         let is_mirrored = mirror.is_some();
         let first = Self::first(setting, measured, mirror)?;
-        if !setting.record.robust || first.plots.count(D) < 2 || !first.is_open(is_mirrored) {
+        if !setting.record.robust || first.plots.count(D) < 2 {
             return first.without_outliers(setting, measured).map(|found| (found, None));
         }
-        let start = is_wide.then(|| first.clone());
-        let usual = first
-            .weighed(setting, measured, ROUNDS)
-            .and_then(|(found, mixture)| Candidate::new(found, mixture, setting));
+        let is_open = first.is_open(is_mirrored);
+        let start = first.clone();
+        let usual = first.weighed(setting, measured, ROUNDS);
+        let is_lost = is_wide && usual.as_ref().is_ok_and(|(found, _)| found.was_far);
+        if !is_open && !is_lost {
+            return usual.map(|(found, _)| (found, None));
+        }
+        let start = is_wide.then_some(start);
+        let usual = usual.and_then(|(found, mixture)| Candidate::new(found, mixture, setting));
         let given = setting.motion;
         let other = start.and_then(|start| Self::of_motions(setting, measured, start));
         setting.motion = given;
@@ -149,7 +155,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
             }
         }
         let before = self.path.mean.clone();
-        self.relinearise(setting, Some(self.path.fit.motion), self.scale)?;
+        (self.plots, self.path) =
+            self.linearised(setting, Some(self.path.fit.motion), self.scale)?;
         for t in (0..n).filter(|&t| self.plots.is_known(t, D)) {
             let step: Vector<D> =
                 std::array::from_fn(|i| self.plots.position[t * D + i] - before[t * N + i]);
