@@ -32,6 +32,7 @@ pub fn radars(extent: f64) -> Vec<Radar> {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        extent: 0.0,
         ways: None,
     };
     vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
