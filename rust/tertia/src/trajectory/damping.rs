@@ -1,8 +1,8 @@
 //! Damping of steps that are too long for their derivatives (Levenberg 1944, Marquardt 1963).
 //!
-//! Derivatives hold near the path. If the path is more than twice as far from close stations as a target
-//! whose distance follows from the curvature of its wave fronts, steps without damping end beyond the
-//! stations, and the next ones farther still. Where the measurements of an instant would fit much worse than
+//! Derivatives hold near the path. The distance of a target from close stations follows from times of arrival
+//! by the curvature of its wave fronts: if the path is more than twice as far, steps without damping end beyond
+//! the stations, and the next ones farther still. Where the measurements of an instant would fit much worse than
 //! their derivatives promise, its position is tied to the path with a multiple of the information about the
 //! path. The gradient is not changed, and so neither is the path to which the steps lead.
 
@@ -25,7 +25,7 @@ const TRIALS: usize = 8;
 
 impl<const D: usize, const N: usize> Found<D, N> {
     /// Returns the plots and the path of a step from the present path, with ties where the step without them is
-    /// too long, and whether there are any.
+    /// too long, and whether there are any. Only times of arrival need them.
     pub(super) fn damped(
         &self,
         setting: &mut Setting<'_, D, N>,
@@ -35,6 +35,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<(Plots, Path, bool), Failure> {
         let record = setting.record;
         let mut ties: Vec<f64> = Vec::new();
+        if !self.measured.is_timed {
+            return Ok((plots, path, false));
+        }
         for _ in 0..TRIALS {
             let far = (0..record.len()).filter(|&t| self.is_too_far(record, t, scale, &path));
             let far: Vec<usize> = far.collect();
