@@ -51,8 +51,9 @@ class Targets:
         along = self.velocity / np.linalg.norm(self.velocity, axis=1, keepdims=True)
         forward = random.uniform(*seen, len(target)) * self.length[target]
         aside = random.uniform(-0.5, 0.5, len(target)) * self.width[target]
-        across = along[target, ::-1] * [1.0, -1.0]
-        return forward[:, np.newaxis] * along[target] + aside[:, np.newaxis] * across
+        across = along[target, ::-1] * np.array([1.0, -1.0])
+        part: FloatArray = forward[:, np.newaxis] * along[target] + aside[:, np.newaxis] * across
+        return part
 
 
 def ships(random: np.random.Generator) -> Targets:
@@ -97,7 +98,7 @@ def by_radar(
     count = np.minimum(1 + random.poisson(targets.length[target] / 60.0), MOST)
     target, scan = np.repeat(target, count), np.repeat(scan, count)
     period = HARBOUR.scan_period
-    part, time = targets.parts(target, seen, random), period * scan
+    part, time = targets.parts(target, seen, random), period * scan.astype(np.float64)
     for _ in range(3):
         place = targets.at(target, time) + part
         azimuth = np.arctan2(*place.T) % (2 * np.pi)
@@ -124,7 +125,7 @@ def by_lidar(
     frame, target = np.nonzero(random.random((FRAMES, len(targets.length))) < DETECTED)
     count = random.integers(1, 7, len(frame))
     frame, target = np.repeat(frame, count), np.repeat(target, count)
-    time = LIDAR.update_interval * frame
+    time = LIDAR.update_interval * frame.astype(np.float64)
     place = targets.at(target, time) + targets.parts(target, seen, random)
     place = place + SIGMA * random.standard_normal(place.shape)
     covariance = np.broadcast_to(SIGMA**2 * np.eye(2), (len(place), 2, 2))
