@@ -18,10 +18,10 @@ ANYWHERE = 10_000.0
 _LEVEL = 0.985
 
 
-def read_height(
+def given_height(
     height: npt.ArrayLike | None, sigma: npt.ArrayLike | None, d: int
-) -> FloatArray | None:
-    """Return heights and their standard deviations, (..., 2); None if they are not given."""
+) -> tuple[npt.ArrayLike, npt.ArrayLike] | None:
+    """Return heights and their standard deviations as they are given; None if they are not."""
     if height is None and sigma is None:
         return None
     if height is None or sigma is None:
@@ -29,7 +29,17 @@ def read_height(
         raise ValueError(f"{missing} is missing; height and height_sigma belong together")
     if d == 2:
         raise ValueError("height needs stations with three coordinates")
-    value, spread = finite(height, "height"), positive(sigma, "height_sigma")
+    return height, sigma
+
+
+def read_height(
+    height: npt.ArrayLike | None, sigma: npt.ArrayLike | None, d: int
+) -> FloatArray | None:
+    """Return heights and their standard deviations, (..., 2); None if they are not given."""
+    given = given_height(height, sigma, d)
+    if given is None:
+        return None
+    value, spread = finite(given[0], "height"), positive(given[1], "height_sigma")
     if not np.all(np.isfinite(spread)):
         raise ValueError("height_sigma must be finite")
     batch = common_batch(height=value.shape, height_sigma=spread.shape)

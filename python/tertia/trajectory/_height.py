@@ -11,7 +11,13 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, positive, require_between, samples
 from tertia.location import Location
-from tertia.location._height import ANYWHERE, azimuths_alone, lifted, without_height
+from tertia.location._height import (
+    ANYWHERE,
+    azimuths_alone,
+    given_height,
+    lifted,
+    without_height,
+)
 from tertia.sensors._kinds import KINDS
 
 # share of the heights that contradict a path from which they are doubtful
@@ -47,14 +53,10 @@ def read_heights(
     `given` are heights and sigmas. Raise an error if order, smoother, or kinds whose biases
     have a `flat` prior exclude heights.
     """
-    (height, sigma), (n, d) = given, shape
-    if height is None and sigma is None:
+    n, d = shape
+    both = given_height(*given, d)
+    if both is None:
         return None
-    if height is None or sigma is None:
-        missing = "height" if height is None else "height_sigma"
-        raise ValueError(f"{missing} is missing; height and height_sigma belong together")
-    if d == 2:
-        raise ValueError("height needs stations with three coordinates")
     if way != ("spatial-first", "rts"):
         raise ValueError("height needs order 'spatial-first' and smoother 'rts'")
     if flat is not None:
@@ -62,7 +64,7 @@ def read_heights(
             "bias has a sigma of inf, which excludes height; give finite sigmas, or None for "
             "biases that are to be estimated"
         )
-    value, spread = samples(height, "height"), samples(sigma, "height_sigma")
+    value, spread = samples(both[0], "height"), samples(both[1], "height_sigma")
     require_between(value, "height", "a finite number, or nan", missing=True)
     for name, array in {"height": value, "height_sigma": spread}.items():
         if array.shape not in {(), (n,)}:
