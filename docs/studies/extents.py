@@ -172,7 +172,7 @@ def table() -> str:
         for extent, results in found.items():
             squares, within = np.concatenate([one for _, one in results]).T
             count, rmse = np.mean([count for count, _ in results]), np.sqrt(np.mean(squares))
-            told = f"{extent:g} m" if extent else "not stated"
-            rows.append([name, told, f"{count:.2f}", f"{rmse:.1f} m", f"{np.mean(within):.0%}"])
+            stated = f"{extent:g} m" if extent else "not stated"
+            rows.append([name, stated, f"{count:.2f}", f"{rmse:.1f} m", f"{np.mean(within):.0%}"])
     head = ["targets", "`target_extent`", "tracks per target", "RMSE of the centre"]
     return markdown([*head, "centres within 95 %"], rows)

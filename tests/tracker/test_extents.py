@@ -213,7 +213,7 @@ def test_late_plots_and_saved_trackers_change_nothing():
     assert np.count_nonzero(whole > 0) > 2 * np.count_nonzero(expected.plot >= 0)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, 2e5, np.nan, np.inf])
 def test_extents_out_of_domain(value):
     with pytest.raises(ValueError, match=r"target_extent is .*; it must be 0 or positive"):
         replace(POINT, target_extent=value)

@@ -11,6 +11,8 @@ from tertia.sensors._bias import Bias
 
 # in seconds; as that of radars
 _FASTEST = 1e-3
+# in metres; an extent beyond it is a mistake of the unit
+_LARGEST = 100e3
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -35,8 +37,8 @@ class PositionSensor:
         Probability that a target reports in an update interval.
     target_extent : float
         Length in metres of the largest targets, if a target gives several positions at a time, such
-        as a vehicle near a lidar: those that are of one target are combined. With 0 (default), each
-        position is a report of the place of a target.
+        as a vehicle near a lidar: the positions of one target are combined. With 0 (default), a
+        target gives one position at a time.
     bias : Bias or None
         Systematic errors of the reports: `time`, which is how late they are, `east` and `north`.
         Those with a sigma are estimated during registration. None: only `time` is estimated;
@@ -107,6 +109,6 @@ class PositionSensor:
 def extent(value: float) -> float:
     """Return the length of the largest targets in metres, after checking it."""
     length = real(value, "target_extent")
-    if not 0.0 <= length < np.inf:
-        raise ValueError(f"target_extent is {length}; it must be 0 or positive, and finite")
+    if not 0.0 <= length <= _LARGEST:
+        raise ValueError(f"target_extent is {length}; it must be 0 or positive, at most 100 km")
     return length

@@ -175,8 +175,8 @@ class Radar:
         given, every target has a plot of its own.
     target_extent : float
         Length in metres of the largest targets, if targets are larger than the resolution and give
-        several plots in a scan, such as ships near a radar: the plots of a scan that are of one
-        target are combined. With 0 (default), a target gives one plot in a scan.
+        several plots in a scan, such as ships near a radar: the plots of one target in a scan are
+        combined. With 0 (default), a target gives one plot in a scan.
     bias : Bias or None
         Systematic errors of range, azimuth and time, with their standard deviations. None: the
         errors are unknown, and their standard deviations are the limits `RADAR_LIMITS`. `Bias()`:

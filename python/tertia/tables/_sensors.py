@@ -301,7 +301,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     columns |= _channel_columns([one.channels or {} for one in sensors.items])
     for key, (column, unit) in _RESOLUTION.items():
         sizes = [getattr(one, key) for one in sensors.items]
-        columns[column] = [size / unit if size else None for size in sizes]
+        columns[column] = [None if size is None else size / unit for size in sizes]
     for kind, (*pair, unit) in _BIAS.items():
         for column, name in zip(pair, (kind, f"{kind}_sigma"), strict=True):
             values = [getattr(one.bias, name, None) for one in sensors.items]
@@ -317,7 +317,7 @@ def _channel_columns(channels: Sequence[Mapping[str, Channel]]) -> dict[str, lis
         if any(name in own for own in channels):
             for key, (column, unit) in _CHANNEL.items():
                 cells = [getattr(own.get(name), key, None) for own in channels]
-                columns[f"{prefix}_{column}"] = [one and one / unit for one in cells]
+                columns[f"{prefix}_{column}"] = [None if x is None else x / unit for x in cells]
     return columns
 
 

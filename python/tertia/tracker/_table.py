@@ -84,7 +84,8 @@ class TrackTable(_Columns, Result):
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     plot : ndarray of int, shape (N,)
-        Index of the plot among all plots that the tracker was given; -1 for a missed detection.
+        Index of the plot among all plots that the tracker was given, of combined plots the last;
+        -1 for a missed detection.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)

@@ -239,10 +239,10 @@ def reconstruct(
     is multiplied by one plus twice their sum.
 
     **Heights.** Half of the variance of the lasting error of heights is that of a constant, which
-    is estimated from contradictions to the other measurements and subtracted; the other half is
+    is estimated from contradictions with the other measurements and subtracted; the other half is
     that of a drift, as for stations. If nothing contradicts them, the covariance includes all of
-    the lasting error. The path follows heights of another level than that of the stations. With
-    heights, only a vertical plane of stations leaves two mirror images.
+    the lasting error. Heights that refer to another level than the stations are not detected, and
+    the path follows them. With heights, only a vertical plane of stations leaves two mirror images.
 
     **Mirror images.** If all stations lie in a plane, or on a line if D = 2, then their ranges,
     range differences and times of arrival are the same for a target and its mirror image.

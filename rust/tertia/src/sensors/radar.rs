@@ -12,6 +12,8 @@ const LEAST_GROUND_SHARE: f64 = 1e-3;
 /// Least variance across the beam, as a share of that along it: above the radar, where azimuths say nothing,
 /// the covariance would be singular to rounding.
 pub(crate) const LEAST_ACROSS: f64 = 1e-10;
+/// Largest extent of a target, m.
+const LARGEST: f64 = 100e3;
 
 /// Position of a radar, and the properties of its measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,7 +57,7 @@ impl Radar {
             require_positive("azimuth_resolution", azimuth)?;
         }
         let e = self.extent;
-        require("target_extent", e, e >= 0.0 && e.is_finite(), "0 or a positive number")?;
+        require("target_extent", e, (0.0..=LARGEST).contains(&e), "from 0 to 100 km")?;
         let p = self.detection_probability;
         require("detection_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }

@@ -337,7 +337,7 @@ impl Tracker {
         let shapes = &mut self.shapes;
         scan.process(&mut sky, &mut waiting, [oldest, hold], |plot, status| {
             report(plot, status);
-            groups.tell(plot, status, shapes, &mut report);
+            groups.pass_on(plot, status, shapes, &mut report);
         });
         groups.divide(&mut waiting);
         self.waiting = waiting;

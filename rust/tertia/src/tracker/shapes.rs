@@ -88,9 +88,9 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// Tells that a plot has this status: so have the plots that were combined with it. Its track learns the
-    /// shape of its target.
-    pub fn tell(
+    /// Passes the status of a plot on to the plots that were combined with it, and what they say about the shape
+    /// of their target to its track.
+    pub fn pass_on(
         &self,
         plot: usize,
         status: PlotStatus,
@@ -203,7 +203,7 @@ impl Shapes {
         best.into_iter().map(|one| one.map(|(_, track)| track)).collect()
     }
 
-    /// Tells the tracks of extended targets how plots are spread about the centres of these.
+    /// Gives the tracks of extended targets the spread of plots about the centres of these.
     pub fn show(&self, tracks: &mut [Track], settings: &Settings) {
         let extent = longest(settings);
         for track in tracks.iter_mut().filter(|_| extent > 0.0) {

@@ -59,13 +59,12 @@ impl<const D: usize, const N: usize> Found<D, N> {
             return first.without_outliers(setting, measured).map(|found| (found, None));
         }
         let is_open = first.is_open(is_mirrored);
-        let start = first.clone();
+        let start = is_wide.then(|| first.clone());
         let usual = first.weighed(setting, measured, ROUNDS);
         let is_lost = is_wide && usual.as_ref().is_ok_and(|(found, _)| found.was_far);
         if !is_open && !is_lost {
             return usual.map(|(found, _)| (found, None));
         }
-        let start = is_wide.then_some(start);
         let usual = usual.and_then(|(found, mixture)| Candidate::new(found, mixture, setting));
         let given = setting.motion;
         let other = start.and_then(|start| Self::of_motions(setting, measured, start));
