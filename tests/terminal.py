@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
@@ -10,9 +11,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 import polars as pl
-from typer.testing import CliRunner
+from typer import testing
+from typer.main import get_command
 
 from tertia import cli, metrics
+
+# all commands are built once, as that takes longer than most of them do
+testing._get_command = cache(get_command)
 
 Write: TypeAlias = Callable[..., Path]
 
@@ -27,7 +32,8 @@ class Run(NamedTuple):
 
 def run(*arguments: object) -> Run:
     """Run `tertia` in this process."""
-    result = CliRunner().invoke(cli.app, [str(part) for part in arguments], catch_exceptions=False)
+    words = [str(part) for part in arguments]
+    result = testing.CliRunner().invoke(cli.app, words, catch_exceptions=False)
     return Run(result.exit_code, result.stdout, result.stderr)
 
 

@@ -85,7 +85,7 @@ def contamination() -> str:
     rmse: dict[str, list[float]] = {name: [] for name in _NAMES}
     for burst in (False, True):
         for n, full in SIZES.items():
-            count = repetitions(full, 20)
+            count = repetitions(full, 10)
             found: dict[float, list[tuple[float, float, float]]] = {e: [] for e in SHARES}
             for number, cell in enumerate(_cells()):
                 y = contaminated(generator(24, n, number, int(burst)), n, count, cell, burst)

@@ -194,8 +194,10 @@ def filtered(
 
 def ahead(t: float, density: float) -> tuple[FloatArray, FloatArray]:
     """Return the transition and the noise of nearly constant velocity."""
-    q = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])
-    return np.kron(np.array([[1.0, t], [0.0, 1.0]]), np.eye(2)), density * np.kron(q, np.eye(2))
+    f, q = np.eye(4), np.diag([t**3 / 3, t**3 / 3, t, t])
+    f[[0, 1], [2, 3]] = t
+    q[[0, 1, 2, 3], [2, 3, 0, 1]] = t**2 / 2
+    return f, density * q
 
 
 def kalman(scale: float = 1.0, density: float = DENSITY) -> Source:

@@ -193,10 +193,10 @@ class TestAgreesWithTheFormulas:
             # a choice that hangs on the last bit of the angles may fall either way (N = 100, the
             # second record): the result is exactly that of the angles rounded one way or the other
             rounded = [theta, *(theta + rng(k).uniform(-1e-13, 1e-13, n) for k in range(4))]
-            choices = [reference.on_the_circle(estimator, one, 360.0) for one in rounded]
-            same = [one for one in choices if estimate.sigma == close(one[1], PARITY)]
-            assert same, (estimate.sigma, [one[1] for one in choices])
-            expected = same[0]
+            choices = (reference.on_the_circle(estimator, one, 360.0) for one in rounded)
+            same = (one for one in choices if estimate.sigma == close(one[1], PARITY))
+            expected = next(same, None)
+            assert expected, (method, estimate.sigma)
             assert turned(estimate.value - expected[0]) == pytest.approx(0, abs=1e-10)
             np.testing.assert_array_equal(estimate.outlier, expected[2])
             assert estimate.polarity == pytest.approx(expected[3], abs=1e-15)

@@ -8,6 +8,7 @@ from runpy import run_path
 from typing import Any, NamedTuple
 
 import numpy as np
+import polars as pl
 import pytest
 from terminal import run, succeed
 
@@ -70,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for scene, names, count in (
         ("bearings", {"bearings.csv": "bearings.csv", "sensors.toml": "finders.toml"}, 200),
         ("telemetry", {"bearings.csv": "telemetry.csv", "sensors.toml": "towers.toml"}, 60),
-        ("misaligned", {"plots.csv": "plots.csv", "sensors.toml": "radars.toml"}, 600),
+        ("misaligned", {"plots.csv": "plots.csv", "sensors.toml": "radars.toml"}, 300),
         ("adsb", {"positions.csv": "positions.csv"}, 80),
         ("gaps", {"azimuths.csv": "azimuths.csv"}, 60),
     ):  # fmt: skip
@@ -81,7 +82,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             lines = (made / name).read_text(encoding="utf-8").splitlines(keepends=True)
             kept = lines if name.endswith(".toml") else lines[:count]
             (path / called).write_text("".join(kept), encoding="utf-8")
-    (path / "truth.csv").write_text((path / "misaligned" / "truth.csv").read_text())
+    last = pl.read_csv(path / "plots.csv")["time_s"].max()
+    truth = pl.read_csv(path / "misaligned" / "truth.csv")
+    truth.filter(pl.col("time_s") <= last).write_csv(path / "truth.csv")
     (path / "estimates.csv").write_text((ROOT / "examples" / "estimates.csv").read_text())
     options = ("--sensors", path / "radars.toml", "--output", path / "tracks.csv")
     succeed("track", path / "plots.csv", *options)

@@ -1,14 +1,18 @@
 """Local polynomials by least squares with powers; the smoother as one dense normal distribution."""
 
-import mpmath
+import gmpy2
 import numpy as np
 from scipy import stats
 
-from reference.kalman import exactly
-
 # of the first state: nothing is known, in 300 digits
-WIDE = mpmath.mpf(10) ** 140
-DIGITS = 300
+WIDE = gmpy2.mpfr(10) ** 140
+BITS = 1000
+
+
+def exactly(values):
+    """These floats for MPFR to compute with."""
+    flat = [gmpy2.mpfr(float(value)) for value in np.ravel(values)]
+    return np.array(flat, dtype=object).reshape(np.shape(values))
 
 
 def polynomial(y, window, degree, *, time=None, variance=None, derivative=0, significance=0.05):
@@ -90,11 +94,11 @@ def _cholesky(a):
     """Return the lower L with `L L' = a`."""
     a, n = a.copy(), len(a)
     for j in range(n):
-        root = mpmath.sqrt(a[j, j])
+        root = gmpy2.sqrt(a[j, j])
         a[j:, j] = a[j:, j] / root
         for i in range(j + 1, n):
             a[i:, i] = a[i:, i] - a[i:, j] * a[i, j]
-        a[j, j + 1 :] = mpmath.mpf(0)
+        a[j, j + 1 :] = gmpy2.mpfr(0)
     return a
 
 
@@ -118,7 +122,7 @@ def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0, 
     All states are normal, and so are all plots: the states given the plots are one formula. What is
     not determined has nan and inf.
     """
-    with mpmath.workdps(DIGITS):
+    with gmpy2.context(precision=BITS):
         n, m = np.shape(y)
         d = m if axes is None else axes
         t, states = exactly(times), 3 * d
@@ -127,7 +131,7 @@ def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0, 
         if initial is not None:
             mean0, first = exactly(initial[0]), exactly(initial[1])
         f = [np.kron(transition(s - t[0]), unit) for s in t]
-        intensities = mpmath.mpf(q), mpmath.mpf(acceleration)
+        intensities = gmpy2.mpfr(q), gmpy2.mpfr(acceleration)
         deviations = [np.kron(noise(s - t[0], *intensities), unit) for s in t]
         joint = exactly(np.zeros((n * states, n * states)))
         for i in range(n):
@@ -155,9 +159,9 @@ def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0, 
         posterior = [joint[b, b] - gain[:, b].T.dot(gain[:, b]) for b in blocks]
         pivots = np.diagonal(lower)
         innovation = np.full(n * m, np.nan)
-        wide = np.array([pivot**2 > mpmath.sqrt(WIDE) for pivot in pivots], dtype=bool)
+        wide = np.array([pivot**2 > gmpy2.sqrt(WIDE) for pivot in pivots], dtype=bool)
         innovation[there] = np.where(wide, np.nan, white.astype(float))
-        likelihood = -sum(mpmath.log(p) for p in pivots) - white.dot(white) / 2
+        likelihood = -sum(gmpy2.log(p) for p in pivots) - white.dot(white) / 2
         return (*_determined(mean, posterior), innovation.reshape(n, m), float(likelihood))
 
 
@@ -169,7 +173,7 @@ def _with_lasting(errors, t, d, share, time):
     for i in range(n):
         for j in range(n):
             if i != j:
-                decay = mpmath.mpf(share) * mpmath.exp(-abs(t[i] - t[j]) / mpmath.mpf(time))
+                decay = gmpy2.mpfr(share) * gmpy2.exp(-abs(t[i] - t[j]) / gmpy2.mpfr(time))
                 errors[blocks[i], blocks[j]] = decay * roots[i].dot(roots[j].T)
     return errors
 
@@ -177,7 +181,7 @@ def _with_lasting(errors, t, d, share, time):
 def _determined(mean, posterior):
     found, covariances = np.full(mean.shape, np.nan), []
     for i, p in enumerate(posterior):
-        known = np.array([v < mpmath.sqrt(WIDE) for v in np.diagonal(p)], dtype=bool)
+        known = np.array([v < gmpy2.sqrt(WIDE) for v in np.diagonal(p)], dtype=bool)
         found[i, known] = mean[i, known].astype(float)
         both = np.outer(known, known)
         covariance = np.where(both, p, 0.0).astype(float)

@@ -126,9 +126,11 @@ def all_misspelt(keys: Sequence[str], there: Sequence[str]) -> list[str]:
     missing = [key for key in keys if key not in there]
     found = []
     for name in there:
+        if name in keys:
+            continue
         # the key that this name resembles most
         key = _nearest(missing, [name])[2]
-        said = "" if name in keys else hint([key], [name], VERY_NEAR)
+        said = hint([key], [name], VERY_NEAR)
         if said:
             found.append(f"has no {key}{said}")
     return found
