@@ -55,9 +55,8 @@ def draw(case, count, seed=0, faults=0, size=20.0):
     truth = reference.predict(target, places)
     lengths = [truth[kind].size for kind in kinds]
     noise = rng.normal(size=(count, sum(lengths)))
-    for row in noise:
-        chosen = rng.choice(row.size, faults, replace=False)
-        row[chosen] += size * rng.choice([-1, 1], faults)
+    chosen = np.argsort(rng.random(noise.shape), axis=-1) < faults
+    noise += chosen * size * rng.choice([-1, 1], noise.shape)
     parts = np.split(noise, np.cumsum(lengths)[:-1], axis=-1)
     return {k: truth[k] + SIGMAS[k] * e for k, e in zip(kinds, parts, strict=True)}
 
