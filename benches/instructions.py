@@ -45,7 +45,7 @@ def build():
             "--quiet",
             "--release",
             "--package",
-            "tertia",
+            "tertia-python",
             "--example",
             "instructions",
         ],
