@@ -39,7 +39,13 @@ def test_cameras_whose_clocks_differ(seed):
 def test_most_measurements_are_left_out():
     values = np.where(np.arange(20 * 5).reshape(4, 5, 5) % 5 == 1, np.nan, 1.0)
     outlier = np.isfinite(values) & (np.arange(5) > 1)
-    found = {"outlier": outlier, "image": None, "is_behind": False, "may_cross": False}
+    found = {
+        "outlier": outlier,
+        "image": None,
+        "is_behind": False,
+        "may_cross": False,
+        "is_doubtful": False,
+    }
     with pytest.warns(UserWarning, match="60 of 80 measurements contradict the path"):
         warn_of_path(found, values)
     with warnings.catch_warnings():

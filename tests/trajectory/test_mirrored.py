@@ -238,3 +238,47 @@ def test_a_path_below_that_has_none_above_is_reported():
     track, said = warnings_of(places, flight(-1500.0), 0)
     assert np.all(track.position[:, 2] < 0)
     assert "no path above the stations fits" in said
+
+
+def heard(seed, path, *, sigma=1.0, share=0.05):
+    """Return 8 hydrophones on a line, and range differences of which some are wrong."""
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([50.0 * (np.arange(8) - 3.5), np.zeros(8)])
+    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    ranges += sigma * rng.standard_normal(ranges.shape)
+    wrong = rng.random(ranges.shape) < share
+    ranges[wrong] += rng.uniform(10.0, 200.0, np.count_nonzero(wrong))
+    given = {"range_difference": ranges[:, 1:] - ranges[:, :1]}
+    return [Station(p) for p in places], given | {"range_difference_sigma": sigma * np.sqrt(2)}
+
+
+def swim(count, start, course, turn=0.0):
+    """Return a path at 2 m/s."""
+    courses = course + turn * np.arange(count)
+    return start + np.cumsum(2.0 * np.column_stack([np.sin(courses), np.cos(courses)]), axis=0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("crosses", [False, True])
+def test_outliers_do_not_make_a_path_cross_the_line(seed, crosses):
+    if crosses:
+        path = swim(300, [-100.0, 300.0], 2.6, 0.002)
+    else:
+        path = swim(300, [-150.0, 400.0], 1.2, 0.004)
+    stations, given = heard(seed, path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track = reconstruct(stations, np.arange(300.0), **given, initial=path[0])
+    far = np.abs(path[:, 1]) > 30
+    np.testing.assert_array_equal(np.sign(track.position[far, 1]), np.sign(path[far, 1]))
+    assert np.mean(squares(track, path)[far] < stats.chi2.ppf(0.95, 2)) > 0.85
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sigma", [5.0, 10.0])
+def test_it_is_said_if_nothing_tells_whether_a_path_crosses_the_line(seed, sigma):
+    """In a short record, a kink at the line is hardly less likely than a crossing."""
+    path = swim(40, [60.0, 40.0], 2.8)
+    stations, given = heard(seed, path, sigma=sigma, share=0.0)
+    with pytest.warns(UserWarning, match="may cross it or turn back"):
+        reconstruct(stations, np.arange(40.0), **given, initial=path[0])

@@ -28,6 +28,11 @@ _MAY_CROSS = (
     "smoother: what is measured is the same on both sides of the plane; measure elevations, or add "
     "a station outside the plane"
 )
+_DOUBTFUL = (
+    "near the plane of the stations (in two dimensions, their line), the path may cross it or turn "
+    "back: both explain the measurements about equally well, and what follows may be on the wrong "
+    "side; measure azimuths, or add a station outside the plane"
+)
 _MIRRORED = (
     "two paths explain the measurements (almost) equally well: this one, above the stations, and "
     "its mirror image below them (mirror_image); give initial to choose. A path that crosses the "
@@ -68,8 +73,13 @@ def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -
 
 def _warn_of_sides(found: dict[str, Any]) -> None:
     """Warn if it is not certain on which side of the plane of the stations the path is."""
-    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
-    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
+    remarks = (
+        (found["image"] is not None, _MIRRORED),
+        (found["is_behind"], _BEHIND),
+        (found["may_cross"], _MAY_CROSS),
+        (found["is_doubtful"], _DOUBTFUL),
+    )
+    for applies, remark in remarks:
         if applies:
             warnings.warn(remark, UserWarning, stacklevel=4)
 

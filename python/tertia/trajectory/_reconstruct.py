@@ -193,6 +193,7 @@ def reconstruct(
         If more than half of the measurements, or of the heights, are left out.
         If the path and its mirror image below the stations fit the measurements equally well, if no
         path above the stations fits, or if a path that crosses their plane would be smoother.
+        If the path may cross a line or vertical plane of stations or turn back at it (see Notes).
 
     Notes
     -----
@@ -252,9 +253,11 @@ def reconstruct(
     odds of one to a thousand. In this comparison, each station may have a constant error of the
     stated size, unless its bias is given as 0. If the two paths cannot be distinguished and
     `initial` is missing, a warning is given, and `mirror_image` contains the other path. If neither
-    is above the stations, as with D = 2, an error is raised. Near the plane, the square of the
-    height h is measured, and the derivatives with respect to h are therefore taken at the height
-    ``sqrt(h^2 + V)``, where V is the variance of h.
+    is above the stations, as with D = 2, an error is raised. With `initial`, such a path crosses
+    the plane where its marginal likelihood is then larger than that of a path that turns back; a
+    warning is given if the two differ by less than a factor of 400. Near the plane, the square of
+    the height h is measured, and the derivatives with respect to h are therefore taken at the
+    height ``sqrt(h^2 + V)``, where V is the variance of h.
 
     With "temporal-first", the velocity is the product of A_t and the rates of the smoothed series.
 

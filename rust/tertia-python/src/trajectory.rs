@@ -43,6 +43,7 @@ pub struct Reconstructed<'py> {
     image: Option<Array<'py>>,
     is_behind: bool,
     may_cross: bool,
+    is_doubtful: bool,
 }
 
 /// Measurements of stations: positions (K, D) or (N, K, D), axes, standard deviations of the positions
@@ -282,6 +283,7 @@ impl<'py> Reconstructed<'py> {
             failure: None,
             is_behind: found.is_behind,
             may_cross: found.may_cross,
+            is_doubtful: found.is_doubtful,
             height,
             image: found.image.map(|image| array(py, &[n, d], image)).transpose()?,
             mean: Some(array(py, &[n, states], found.mean)?),

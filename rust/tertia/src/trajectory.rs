@@ -14,6 +14,7 @@ mod bias;
 mod blocks;
 mod clocks;
 mod contradictions;
+mod crossings;
 mod damping;
 mod failure;
 mod fixes;
@@ -198,6 +199,7 @@ fn completed<const D: usize, const N: usize>(
         image,
         is_behind: side == Side::Behind,
         may_cross,
+        is_doubtful: found.sides.as_ref().is_some_and(|own| own.is_doubtful),
         fixes,
     })
 }

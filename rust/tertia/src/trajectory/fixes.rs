@@ -48,14 +48,14 @@ impl Fixes {
         own
     }
 
-    /// Locates all instants. Returns these fixes, fixes on the side of the mirror's normal, and fixes from
-    /// which a path can begin: there, instants with little redundancy are located from running medians of the
+    /// Locates all instants. Returns these fixes, and fixes on the side of the mirror's normal from which a
+    /// path can begin: there, instants with little redundancy are located from running medians of the
     /// measurements.
     pub(super) fn first<const D: usize>(
         record: &Record<'_>,
         measured: &Measured<D>,
         mirror: Option<&Mirror<D>>,
-    ) -> Result<(Self, Self, Self), Failure> {
+    ) -> Result<(Self, Self), Failure> {
         let own = Self::of::<D>(record, &measured.values);
         let beside = own.clone().beside(record, &measured.values, mirror);
         let is_sure = |t: usize| {
@@ -78,7 +78,7 @@ impl Fixes {
             start.relocate_contradictory::<D>(record, &measured.values);
             start.relocate_roughly::<D>(record, &open, &medians);
         }
-        Ok((own, beside, start.located()?))
+        Ok((own, start.located()?))
     }
 
     /// Locates ambiguous instants with a larger noise as long as hardly any instant has a position: with the

@@ -77,49 +77,6 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
     }
 }
 
-/// Gain of the log-likelihood from which a path crosses the plane of the stations, and the largest number of
-/// crossings.
-const LIKELIER: f64 = 3.0;
-const CROSSINGS: usize = 8;
-
-impl<const D: usize, const N: usize> Setting<'_, D, N> {
-    /// Determines on which side of the plane each instant is, from positions located on one side. The path
-    /// crosses a plane without an upper side if that is likelier than turning back at the plane. Above a
-    /// level plane it stays above.
-    fn crossed(&mut self, mut sides: Sides<D>, one_sided: &Plots) -> Result<Sides<D>, Failure> {
-        let mut path = self.smoothed(one_sided, self.motion, None)?;
-        if sides.mirror.is_level {
-            sides.may_cross = self.crossing(&sides, one_sided, &path)?.is_some();
-            return Ok(sides);
-        }
-        for _ in 0..CROSSINGS {
-            let Some(crossed) = self.crossing(&sides, one_sided, &path)? else { break };
-            (sides, path) = crossed;
-        }
-        Ok(sides)
-    }
-
-    /// Returns the likeliest path with one more crossing of the plane, if it is likelier than the given one.
-    fn crossing(
-        &mut self,
-        sides: &Sides<D>,
-        one_sided: &Plots,
-        path: &Path,
-    ) -> Result<Option<(Sides<D>, Path)>, Failure> {
-        let mut best = None;
-        let mut top = path.summary.log_likelihood + LIKELIER;
-        for after in sides.nearest(path) {
-            let crossing = sides.crossing(after);
-            let other = self.smoothed(&crossing.sided(one_sided), self.motion, None)?;
-            if other.summary.log_likelihood > top {
-                top = other.summary.log_likelihood;
-                best = Some((crossing, other));
-            }
-        }
-        Ok(best)
-    }
-}
-
 impl<const D: usize, const N: usize> Found<D, N> {
     /// Locates every instant, with the help of neighbouring measurements if its own are too few, and smooths.
     pub fn first(
@@ -129,14 +86,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<Self, Failure> {
         let record = setting.record;
         let trust = vec![1.0; measured.values.len()];
-        let (fixes, beside, start) = Fixes::first(record, measured, mirror.as_ref())?;
-        let sides = mirror
-            .map(|mirror| setting.crossed(Sides::new(mirror, record.len()), &plots_of(&beside, D)));
-        let sides = sides.transpose()?;
-        let mut plots = plots_of(&start, D);
-        if let Some(sides) = &sides {
-            plots = sides.sided(&plots);
-        }
+        let (fixes, start) = Fixes::first(record, measured, mirror.as_ref())?;
+        let sides = mirror.map(|mirror| Sides::new(mirror, record.len()));
+        let plots = plots_of(&start, D);
         let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];

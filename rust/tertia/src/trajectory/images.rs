@@ -61,21 +61,24 @@ pub(super) fn begin<const D: usize, const N: usize>(
     systematic: &Systematic,
 ) -> Result<(Found<D, N>, Side), Failure> {
     let record = setting.record;
-    let mut on = |mirror: Option<Mirror<D>>, is_wide: bool| {
+    let on = |setting: &mut Setting<'_, D, N>, mirror: Option<Mirror<D>>, is_wide: bool| {
         Found::sought(setting, measured, mirror, is_wide)
     };
-    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None, true)?.0, Side::Known)) };
+    let Some(mirror) = Mirror::chosen(record) else {
+        return Ok((on(setting, None, true)?.0, Side::Known));
+    };
     if record.initial.is_some() {
-        return Ok((on(Some(mirror), true)?.0, Side::Known));
+        return Ok((on(setting, Some(mirror), true)?.0, Side::Known));
     }
     if mirror.is_exact {
-        return Ok((on(Some(mirror), true)?.0, Side::OneOfTwo));
+        return Ok((on(setting, Some(mirror), true)?.0, Side::OneOfTwo));
     }
-    let mut sides = [on(Some(mirror.clone()), false), on(Some(mirror.flipped()), false)];
+    let mut sides =
+        [on(setting, Some(mirror.clone()), false), on(setting, Some(mirror.flipped()), false)];
     let values = [0, 1].map(|at| sides[at].as_ref().ok().and_then(|one| one.1));
     if let Some(likeliest) = values.into_iter().flatten().reduce(f64::max) {
         // the path may cross the plane, and so does the wide search
-        if let Ok((free, Some(value))) = on(None, true)
+        if let Ok((free, Some(value))) = on(setting, None, true)
             && value > likeliest + LIKELIER
         {
             let is_behind = |t: usize| mirror.distance(free.path.position::<D>(t)) < 0.0;
@@ -85,12 +88,23 @@ pub(super) fn begin<const D: usize, const N: usize>(
                 _ if behind == record.len() => Some((1, mirror.flipped())),
                 _ => None,
             };
-            let own = own.map(|(at, side)| (at, on(Some(side), true)));
+            let own = own.map(|(at, side)| (at, on(setting, Some(side), true)));
             match own {
                 Some((at, Ok((found, Some(one))))) if one > value - LIKELIER => {
                     sides[at] = Ok((found, Some(one)));
                 }
                 _ => return Ok((free, Side::Known)),
+            }
+        }
+    }
+    if !mirror.is_level {
+        // a search may fail on the side on which the target is
+        for at in 0..2 {
+            if sides[at].is_err()
+                && let Ok((found, _)) = &sides[1 - at]
+                && let Ok(image) = found.image(setting, measured)
+            {
+                sides[at] = Ok((image, None));
             }
         }
     }
@@ -100,7 +114,7 @@ pub(super) fn begin<const D: usize, const N: usize>(
     });
     if values == [None, None]
         && is_lost(&sides, costs)
-        && let Ok((free, _)) = on(None, true)
+        && let Ok((free, _)) = on(setting, None, true)
         && cost(record, &free, systematic) + LIKELIER < costs[0].min(costs[1])
     {
         return Ok((free, Side::Known));

@@ -200,8 +200,10 @@ pub(super) struct Sides<const D: usize> {
     /// Whether a path has been found with averaged derivatives; before that, steps with them would be too
     /// long.
     pub is_settled: bool,
-    /// Whether a path that crosses the plane would be much likelier than one that turns back at it.
+    /// Whether a path that crosses a level plane would be much likelier than this one, which does not.
     pub may_cross: bool,
+    /// Whether a path that crosses the plane at other instants is hardly less likely than this one.
+    pub is_doubtful: bool,
     /// Side of each instant: 1 on the side of the normal, -1 behind the plane.
     side: Vec<f64>,
 }
@@ -210,7 +212,8 @@ impl<const D: usize> Sides<D> {
     pub fn new(mirror: Mirror<D>, n: usize) -> Self {
         let [variance, systematic] = [(); 2].map(|()| vec![0.0; n]);
         let side = vec![1.0; n];
-        Self { mirror, variance, systematic, is_settled: false, may_cross: false, side }
+        let [is_settled, may_cross, is_doubtful] = [false; 3];
+        Self { mirror, variance, systematic, is_settled, may_cross, is_doubtful, side }
     }
 
     /// Signed distance from the plane at which derivatives are taken.
@@ -296,21 +299,20 @@ impl<const D: usize> Sides<D> {
         self.mirror.moved(position, self.side[t] * distance.abs() - distance)
     }
 
-    /// Returns the sides of a path that crosses the plane after an instant.
-    pub fn crossing(&self, after: usize) -> Self {
-        let mut crossing = self.clone();
-        crossing.side[after + 1..].iter_mut().for_each(|side| *side = -*side);
-        crossing
+    /// Returns the sides of a path that is on the other side from an instant on.
+    pub fn flipped_from(&self, start: usize) -> Self {
+        let mut flipped = self.clone();
+        flipped.side[start..].iter_mut().for_each(|side| *side = -*side);
+        flipped
     }
 
-    /// Reflects positions that were located on the side of the normal to the sides of the path.
-    pub fn sided(&self, plots: &Plots) -> Plots {
-        let mut sided = plots.clone();
-        let behind = (0..self.side.len()).filter(|&t| self.side[t] < 0.0);
-        for t in behind {
+    /// Returns positions of which those from an instant on are reflected.
+    pub fn reflected_from(&self, start: usize, plots: &Plots) -> Plots {
+        let mut reflected = plots.clone();
+        for t in start..self.side.len() {
             let position = self.mirror.reflected(&plots.position[t * D..][..D]);
-            sided.position[t * D..][..D].copy_from_slice(&position);
-            let own = &mut sided.covariance[t * D * D..][..D * D];
+            reflected.position[t * D..][..D].copy_from_slice(&position);
+            let own = &mut reflected.covariance[t * D * D..][..D * D];
             let n = &self.mirror.normal;
             let along: Vector<D> =
                 std::array::from_fn(|i| (0..D).map(|j| own[i * D + j] * n[j]).sum());
@@ -322,15 +324,38 @@ impl<const D: usize> Sides<D> {
                 }
             }
         }
-        sided
+        reflected
     }
 
-    /// Returns the instants at which a path is nearer to the plane than at all around them, and some of those
-    /// around: a limited number, because of equal distances only the first counts.
+    /// Whether a path, which was smoothed without regard to the sides, is on the sides of some instants before
+    /// and after a crossing.
+    pub fn crosses_at(&self, start: usize, path: &Path) -> bool {
+        let is_right = |t: usize| self.side[t] * self.mirror.distance(path.position::<D>(t)) > 0.0;
+        (0..start).any(is_right) && (start..self.side.len()).any(is_right)
+    }
+
+    /// Whether a path, (N, M) numbers, is farther from the plane than a standard deviation, at any instant that
+    /// `others` have on the other side: two standard deviations do not reach the image then.
+    pub fn differ(&self, others: &Self, mean: &[f64], size: usize) -> bool {
+        (0..self.side.len()).any(|t| {
+            let distance = self.mirror.distance(&mean[t * size..][..D]);
+            let square = distance * distance;
+            let doubt = square * likelihood_of_none(distance, self.variance[t]);
+            self.side[t] != others.side[t] && square > self.variance[t] + doubt
+        })
+    }
+
+    /// Number of instants on either side of an instant that is the nearest to the plane.
+    pub fn reach(&self) -> usize {
+        (self.side.len() / AROUND).max(1)
+    }
+
+    /// Returns the instants, except the last one, at which a path is nearer to the plane than at all around
+    /// them: a limited number, because of equal distances only the first counts.
     pub fn nearest(&self, path: &Path) -> Vec<usize> {
         let distance: Vec<f64> =
             path.mean.chunks_exact(3 * D).map(|s| self.mirror.distance(&s[..D]).abs()).collect();
-        let reach = (distance.len() / AROUND).max(1);
+        let reach = self.reach();
         let is_nearest = |t: &usize| {
             let own = distance[*t];
             (1..=reach).all(|by| {
@@ -338,15 +363,7 @@ impl<const D: usize> Sides<D> {
                     && distance.get(t + by).is_none_or(|other| *other >= own)
             })
         };
-        let nearest = (0..distance.len().saturating_sub(1)).filter(is_nearest);
-        let around = |t: usize| {
-            [0, reach / 2, reach].into_iter().flat_map(move |by| [t.saturating_sub(by), t + by])
-        };
-        let mut all: Vec<usize> =
-            nearest.flat_map(around).filter(|t| t + 1 < distance.len()).collect();
-        all.sort_unstable();
-        all.dedup();
-        all
+        (0..distance.len().saturating_sub(1)).filter(is_nearest).collect()
     }
 }
 
@@ -406,8 +423,8 @@ mod tests {
         };
         let nearest =
             |height: &dyn Fn(usize) -> f64| Sides::new(mirror.clone(), n).nearest(&path(height));
-        assert_eq!(nearest(&|_| 30.0), [0, 25, 50]);
-        assert!(nearest(&|t| 30.0 + (t % 7) as f64).len() <= 6 * AROUND);
-        assert_eq!(nearest(&|t| t.abs_diff(400) as f64), [350, 375, 400, 425, 450]);
+        assert_eq!(nearest(&|_| 30.0), [0]);
+        assert!(nearest(&|t| 30.0 + (t % 7) as f64).len() <= AROUND);
+        assert_eq!(nearest(&|t| t.abs_diff(400) as f64), [400]);
     }
 }

@@ -38,6 +38,8 @@ pub struct Trajectory {
     /// Whether a path that crosses the plane of the stations would be much likelier than one that turns back
     /// at it.
     pub may_cross: bool,
+    /// Whether it is doubtful where, or if at all, the path crosses the plane of the stations.
+    pub is_doubtful: bool,
 }
 
 /// Results of the smoother.
@@ -110,6 +112,7 @@ impl Trajectory {
             image: None,
             is_behind: false,
             may_cross: false,
+            is_doubtful: false,
         }
     }
 }

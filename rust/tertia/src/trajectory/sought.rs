@@ -37,10 +37,10 @@ const STEPS: usize = 15;
 const NEAR: f64 = 0.1;
 
 /// A path with the sizes of noise and outliers, and ln of its marginal likelihood.
-struct Candidate<const D: usize, const N: usize> {
-    found: Found<D, N>,
+pub(super) struct Candidate<const D: usize, const N: usize> {
+    pub found: Found<D, N>,
     mixture: Mixture,
-    value: f64,
+    pub value: f64,
 }
 
 impl<const D: usize, const N: usize> Found<D, N> {
@@ -56,14 +56,16 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let is_mirrored = mirror.is_some();
         let first = Self::first(setting, measured, mirror)?;
         if !setting.record.robust || first.plots.count(D) < 2 {
-            return first.without_outliers(setting, measured).map(|found| (found, None));
+            let found = first.without_outliers(setting, measured)?;
+            return Ok((found.crossed(setting, measured, Mixture::new(Vec::new()))?, None));
         }
         let is_open = first.is_open(is_mirrored);
         let start = is_wide.then(|| first.clone());
         let usual = first.weighed(setting, measured, ROUNDS);
         let is_lost = is_wide && usual.as_ref().is_ok_and(|(found, _)| found.was_far);
         if !is_open && !is_lost {
-            return usual.map(|(found, _)| (found, None));
+            let (found, mixture) = usual?;
+            return Ok((found.crossed(setting, measured, mixture)?, None));
         }
         let usual = usual.and_then(|(found, mixture)| Candidate::new(found, mixture, setting));
         let given = setting.motion;
@@ -75,6 +77,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
             (Err(_), Some(Ok(other))) => other,
             (usual, _) => usual?,
         };
+        let best = best.crossed(setting, measured)?;
         Ok((best.found, Some(best.value)))
     }
 
@@ -171,7 +174,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
 }
 
 impl<const D: usize, const N: usize> Candidate<D, N> {
-    fn new(
+    pub fn new(
         found: Found<D, N>,
         mixture: Mixture,
         setting: &mut Setting<'_, D, N>,
