@@ -51,7 +51,8 @@ def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = Fal
 
 def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:
     """Warn if the path contradicts most measurements, or many of them although clocks are free."""
-    left_out, count = np.count_nonzero(outlier), np.count_nonzero(np.isfinite(values))
+    judged = np.isfinite(values) & ~_repeats(values)
+    left_out, count = np.count_nonzero(outlier & judged), np.count_nonzero(judged)
     if timed and left_out > _MOST_TIMED * count:
         warnings.warn(
             f"{left_out} of {count} measurements contradict the path and are left out: the errors "
@@ -69,6 +70,14 @@ def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -
             UserWarning,
             stacklevel=4,
         )
+
+
+def _repeats(values: FloatArray) -> BoolArray:
+    """Return which measurements, (N, 5, K), equal the last one of their station and kind."""
+    at = np.arange(len(values))[:, np.newaxis, np.newaxis]
+    last = np.maximum.accumulate(np.where(np.isfinite(values), at, 0))
+    before = np.take_along_axis(values, last[:-1], axis=0)
+    return np.concatenate([np.zeros((1, *values.shape[1:]), bool), values[1:] == before])
 
 
 def _warn_of_sides(found: dict[str, Any]) -> None:

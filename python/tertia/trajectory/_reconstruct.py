@@ -203,7 +203,9 @@ def reconstruct(
     measurement is the probability that it is good. The variances of good measurements and of
     outliers, and the proportion of outliers, are those that maximise the likelihood. They are found
     by expectation maximisation, in which the noise decreases from the size of the residuals of the
-    first track to the stated noise. The covariance includes the uncertainty of the estimated jerk.
+    first track to the stated noise. Measurements that repeat the one before, and stations that
+    contradict all others throughout by changing errors, are left out before. The covariance
+    includes the uncertainty of the estimated jerk.
     It is the mean of the covariances for different intensities q, weighted by the likelihood of q
     and by a prior density of log q that is proportional to q^(1/4).
 

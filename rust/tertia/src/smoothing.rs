@@ -35,7 +35,7 @@ pub use motion::ProcessNoise;
 pub use noise::{NoiseFit, Options, smooth_with_noise};
 pub use polynomial::{Degree, Fit, Output, Polynomial};
 pub use record::Record;
-pub use repeats::repeated;
+pub use repeats::{repeated, repeated_readings};
 pub use results::{Smoothed, Summary};
 pub(crate) use smoother::likelihood;
 pub use smoother::{Workspace, smooth};

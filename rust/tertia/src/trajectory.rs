@@ -37,6 +37,7 @@ mod spatial;
 mod speed;
 mod survey;
 mod temporal;
+mod thinned;
 mod tukey;
 
 pub use failure::Failure;
@@ -59,6 +60,7 @@ use measured::{Measured, seen};
 use path::Path;
 use result::residuals;
 use std::rc::Rc;
+use thinned::Thinned;
 
 /// Largest number of rounds near the plane of the stations, where derivatives depend on the uncertainty of
 /// the states.
@@ -73,12 +75,27 @@ const ROUNDS: usize = 10;
 const AGILE: f64 = 10.0;
 
 /// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
-/// estimated. N is 3 D.
+/// estimated. Repeated measurements and columns that are wrong throughout are left out. N is
+/// 3 D.
 ///
 /// # Errors
 /// No instant can be located, the measurements do not determine the biases, or no path was found that agrees
 /// with them.
 pub fn reconstruct<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    jerk: Option<f64>,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
+    let Some(thinned) = Thinned::of::<D>(record, systematic) else {
+        return sought::<D, N>(record, jerk, systematic);
+    };
+    let found = sought::<D, N>(&thinned.record(record), jerk, systematic)?;
+    Ok(thinned.restored::<D, N>(record, found))
+}
+
+/// Reconstructs a path with this motion, or with the likeliest one; if it is far from the target, again from an
+/// agile motion.
+fn sought<const D: usize, const N: usize>(
     record: &Record<'_>,
     jerk: Option<f64>,
     systematic: &Systematic,

@@ -31,13 +31,26 @@ const NO_STEP: f64 = 1e-12;
 /// Returns which plots (N, D; nan where a component is missing) are more probably repetitions than
 /// measurements. O(N log N).
 pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
+    repetitions(dimension, y, noise, false)
+}
+
+/// Returns which readings (N; nan where one is missing) are more probably repetitions than measurements, as
+/// [`repeated`] does for plots. Readings are recorded as they are, so that equal ones remain equal and the
+/// smallest difference of any two is the step: successive readings of a moving target may all be far apart.
+/// Where the step is coarse, even a reading that should have moved may be equal. O(N log N).
+pub fn repeated_readings(y: &[f64], noise: Noise<'_>) -> Vec<bool> {
+    repetitions(1, y, noise, true)
+}
+
+fn repetitions(dimension: usize, y: &[f64], noise: Noise<'_>, as_read: bool) -> Vec<bool> {
     let plots: Vec<&[f64]> = y.chunks_exact(dimension.max(1)).collect();
     let mut found = vec![false; plots.len()];
     let known = |plot: &[f64]| !plot.iter().any(|y| y.is_nan());
     let whole: Vec<usize> = (0..plots.len()).filter(|&at| known(plots[at])).collect();
     let pairs: Vec<(usize, usize)> = whole.windows(2).map(|pair| (pair[0], pair[1])).collect();
     let again = pairs.iter().filter(|(a, b)| plots[*a] == plots[*b]).count();
-    let steps: Vec<Step> = (0..dimension).map(|axis| Step::of(&plots, &pairs, axis)).collect();
+    let steps: Vec<Step> =
+        (0..dimension).map(|axis| Step::of(&plots, &pairs, axis, as_read)).collect();
     if again == 0 || steps.iter().any(|step| step.least == f64::INFINITY) {
         return found;
     }
@@ -84,10 +97,12 @@ struct Step {
     /// The smallest difference of successive numbers, and a typical one.
     least: f64,
     typical: f64,
+    /// Whether the numbers are readings.
+    as_read: bool,
 }
 
 impl Step {
-    fn of(plots: &[&[f64]], pairs: &[(usize, usize)], axis: usize) -> Self {
+    fn of(plots: &[&[f64]], pairs: &[(usize, usize)], axis: usize, as_read: bool) -> Self {
         let of_pair = |a: f64, b: f64| {
             let step = (b - a).abs();
             (step > NO_STEP * (a.abs() + b.abs())).then_some(step)
@@ -101,14 +116,18 @@ impl Step {
         let mut all: Vec<f64> = ends.map(|at| plots[at][axis]).collect();
         all.sort_by(f64::total_cmp);
         let gaps = all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1]));
-        Self { any: gaps.fold(f64::INFINITY, f64::min), least, typical }
+        Self { any: gaps.fold(f64::INFINITY, f64::min), least, typical, as_read }
     }
 
     /// Largest probability that a number with this standard deviation occurs again after a move of this
     /// length.
     fn chance(&self, deviation: f64, moved: f64) -> f64 {
         let white = self.any / (2.0 * PI.sqrt() * ACCURATE * deviation);
-        let same = white.max(0.5 * self.least / self.typical).min(1.0);
+        let least = if self.as_read { self.any } else { self.least };
+        let same = white.max(0.5 * least / self.typical).min(1.0);
+        if self.as_read && same > COARSE {
+            return same;
+        }
         let moved = (moved - SURE * SQRT_2 * deviation).max(0.0);
         same * (-(moved / (2.0 * deviation)).powi(2)).exp()
     }
@@ -150,6 +169,17 @@ mod tests {
         assert!(!repeated(1, &coarse, NOISE).contains(&true));
         assert!(!repeated(1, &coarse, Noise::Same(&[1e6])).contains(&true));
         assert!(!repeated(1, &[3.0; 20], NOISE).contains(&true));
+    }
+
+    /// Readings of a target that moves steadily are far apart, and in no coarse steps.
+    #[test]
+    fn readings_of_a_moving_target_that_are_held_are_repeated() {
+        let y: Vec<f64> = (0..40).map(|k| f64::from(k * 3) + plots(40)[k as usize]).collect();
+        let held: Vec<f64> = y.iter().flat_map(|y| [*y, *y]).collect();
+        let found = repeated_readings(&held, NOISE);
+        assert!((0..held.len()).all(|at| found[at] == (at % 2 == 1)), "{found:?}");
+        let coarse: Vec<f64> = held.iter().map(|y| 5.0 * (y / 5.0).round()).collect();
+        assert!(!repeated_readings(&coarse, NOISE).contains(&true));
     }
 
     /// A target that moves by ten standard deviations a step is not where it was.

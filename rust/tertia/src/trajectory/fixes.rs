@@ -48,6 +48,15 @@ impl Fixes {
         own
     }
 
+    /// Locates all instants on their own, robustly from this number of degrees of freedom on.
+    pub(super) fn robust_from<const D: usize>(record: &Record<'_>, redundancy: usize) -> Self {
+        let all: Vec<usize> = (0..record.len()).collect();
+        let sigmas: Vec<f64> = all.iter().flat_map(|t| record.sigmas_at(*t)).copied().collect();
+        let mut own = Self::empty(all.len(), record.width(), D);
+        own.fill::<D>(record, &all, record.values, &sigmas, None, redundancy);
+        own
+    }
+
     /// Locates all instants. Returns these fixes, and fixes on the side of the mirror's normal from which a
     /// path can begin: there, instants with little redundancy are located from running medians of the
     /// measurements.
@@ -163,7 +172,7 @@ impl Fixes {
         let mut best = Self::empty(count, width, D);
         for initial in std::iter::once(images).chain(starts) {
             let mut new = Self::empty(count, width, D);
-            new.fill::<D>(record, open, values, &sigmas, Some(&initial));
+            new.fill::<D>(record, open, values, &sigmas, Some(&initial), REDUNDANCY);
             for at in 0..count {
                 let cost = new.cost(at, width);
                 let is_beside = mirror.distance(&new.position[at * D..]) > 0.0;
@@ -225,7 +234,7 @@ impl Fixes {
         let mut new = Self::empty(open.len(), width, D);
         let sigmas: Vec<f64> =
             open.iter().flat_map(|&t| record.sigmas_at(t)).map(|sigma| factor * sigma).collect();
-        new.fill::<D>(record, open, values, &sigmas, None);
+        new.fill::<D>(record, open, values, &sigmas, None, REDUNDANCY);
         for (at, &t) in open.iter().enumerate() {
             self.take::<D>(t, &new, at, width);
         }
@@ -268,9 +277,10 @@ impl Fixes {
         values: &[f64],
         sigmas: &[f64],
         initial: Option<&[f64]>,
+        redundancy: usize,
     ) {
         let width = record.width();
-        let method = if record.robust { Method::Robust(REDUNDANCY) } else { Method::LeastSquares };
+        let method = if record.robust { Method::Robust(redundancy) } else { Method::LeastSquares };
         let locator = Locator::new(method).with_correlation(record.correlation);
         let cost = LOCATE_NS * values.len() as f64;
         let (heights, last) = (record.heights(), KINDS * record.receivers());

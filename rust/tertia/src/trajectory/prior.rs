@@ -67,6 +67,16 @@ pub enum Systematic {
 }
 
 impl Systematic {
+    /// Stated standard deviation of the systematic error of a column: 0 if it is to be estimated, ∞ if nothing
+    /// is known about it.
+    pub(super) fn sigma(&self, column: usize, record: &Record<'_>) -> f64 {
+        match self {
+            Self::Flat(kinds) if kinds.contains(&record.kind_of(column)) => f64::INFINITY,
+            Self::Lasting(prior) if !prior.sigma[column].is_nan() => prior.sigma[column],
+            _ => 0.0,
+        }
+    }
+
     /// Whether a column has no systematic error; k is the number of stations.
     pub(super) fn is_trusted(&self, column: usize, k: usize) -> bool {
         match self {

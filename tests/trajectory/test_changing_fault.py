@@ -1,0 +1,154 @@
+"""Paths of which one station is wrong by an error that changes, and repeated measurements."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tertia.location import Station
+from tertia.sensors import Bias
+from tertia.trajectory import reconstruct
+
+SIGMA = 10.0
+TIME = 2.0 * np.arange(100)
+LONG = 2.0 * np.arange(400)
+PLACES = np.array(
+    [[0, 0], [8e3, 0], [0, 8e3], [8e3, 8e3], [4e3, -3e3], [-3e3, 4e3], [11e3, 4e3], [4e3, 11e3]]
+)
+
+
+def scene(seed, count, time=TIME):
+    """Return places of stations, a path between them, and ranges with noise."""
+    rng = np.random.default_rng([31, seed])
+    course = rng.uniform(0, 2 * np.pi) + np.cumsum(0.03 * rng.standard_normal(time.size))
+    path = 4e3 + np.cumsum(30.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    places = PLACES[:count]
+    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    return places, path, ranges + SIGMA * rng.standard_normal(ranges.shape)
+
+
+def wrong(ranges, path, fault):
+    """Return the ranges of which those of the third station have a fault."""
+    ranges = ranges.copy()
+    if fault == "stuck at noise":
+        ranges[:, 2] = np.random.default_rng(5).normal(3e3, SIGMA, TIME.size)
+    elif fault == "position":
+        ranges[:, 2] = np.linalg.norm(path - PLACES[2] - [3e3, 0], axis=-1)
+    else:
+        ranges[:, 2] *= fault
+    return ranges
+
+
+def quality(track, path):
+    """Return the RMSE and the share of positions inside the 95 % region."""
+    error = track.position - path
+    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(track.covariance[:, :2, :2]), error)
+    return np.sqrt(np.mean(np.sum(error**2, axis=-1))), np.mean(square < stats.chi2.ppf(0.95, 2))
+
+
+def stations(places, **options):
+    return [Station(place, range_sigma=SIGMA, **options) for place in places]
+
+
+# kilometres or feet read as metres, metres read as feet, a wrong scale
+@pytest.mark.parametrize("fault", [1e-3, 1 / 0.3048, 0.3048, 1.5, "position", "stuck at noise"])
+@pytest.mark.parametrize("count", [5, 8])
+def test_a_station_that_contradicts_all_others_is_left_out(fault, count):
+    figures = []
+    for seed in range(4):
+        places, path, ranges = scene(seed, count)
+        ranges = wrong(ranges, path, fault)
+        track = reconstruct(stations(places), TIME, range=ranges)
+        assert track.outlier.range[:, 2].all()
+        assert np.isfinite(track.residual.range).all()
+        others = np.delete(track.outlier.range, 2, axis=1)
+        assert np.mean(others) < 0.05
+        # the error that the station has on average
+        error = ranges[:, 2] - np.linalg.norm(path - places[2], axis=-1)
+        assert abs(track.bias.range[2] - np.median(error)) < 20.0
+        assert track.bias.range_sigma[2] > 5 * SIGMA
+        figures.append(quality(track, path))
+    rmse, share = np.transpose(figures)
+    # the path was wrong by up to kilometres, and its regions by many sigmas
+    assert np.max(rmse) < 8.0
+    assert np.mean(share) > 0.85
+
+
+@pytest.mark.parametrize("fault", [1e-3, 1 / 0.3048])
+def test_four_stations_of_which_one_is_grossly_wrong(fault):
+    for seed in range(4):
+        places, path, ranges = scene(seed, 4)
+        track = reconstruct(stations(places), TIME, range=wrong(ranges, path, fault))
+        assert track.outlier.range[:, 2].all()
+        # the path was wrong by kilometres, or no instant was located
+        assert quality(track, path)[0] < 15.0
+
+
+def test_stations_without_systematic_errors():
+    places, path, ranges = scene(1, 6)
+    track = reconstruct(stations(places), TIME, range=wrong(ranges, path, 0.3048), bias=Bias())
+    assert track.outlier.range[:, 2].all()
+    assert quality(track, path)[0] < 8.0
+
+
+def test_an_error_within_the_stated_size_is_not_left_out():
+    places, _, ranges = scene(1, 6)
+    ranges[:, 2] += 100.0 * np.sin(TIME / 15)
+    bias = Bias(range_sigma=100.0, drift_share=1.0, drift_time=20.0)
+    assert (
+        not reconstruct(stations(places), TIME, range=ranges, bias=bias).outlier.range.all(0).any()
+    )
+
+
+def test_a_constant_error_is_estimated():
+    places, _, ranges = scene(2, 6)
+    ranges[:, 2] += 30.0
+    track = reconstruct(stations(places), TIME, range=ranges)
+    assert abs(track.bias.range[2] - 30.0) < 4 * track.bias.range_sigma[2]
+    assert track.bias.range_sigma[2] < SIGMA
+
+
+class TestRepeats:
+    """Stations whose last measurement is reported again and again."""
+
+    def held(self, seed, chance):
+        """Return places, a path, and ranges that are often not renewed."""
+        places, path, ranges = scene(seed, 4, LONG)
+        again = np.random.default_rng([32, seed]).random(ranges.shape) < chance
+        for t in range(1, LONG.size):
+            ranges[t] = np.where(again[t], ranges[t - 1], ranges[t])
+        again[0] = False
+        return places, path, ranges, again
+
+    def test_repeated_ranges_are_left_out(self):
+        figures = []
+        for seed in range(6):
+            places, path, ranges, again = self.held(seed, 0.6)
+            track = reconstruct(stations(places), LONG, range=ranges)
+            assert np.mean(track.outlier.range[again]) > 0.7
+            assert np.mean(track.outlier.range[~again]) < 0.05
+            assert np.isfinite(track.residual.range).all()
+            figures.append(quality(track, path))
+        rmse, share = np.transpose(figures)
+        # with the repeated ranges, no position was inside, and the path lagged by 40 m
+        assert np.max(rmse) < 20.0
+        assert np.mean(share) > 0.85
+
+    def test_no_warning_that_most_are_left_out(self):
+        places, _, ranges, again = self.held(3, 0.8)
+        assert np.mean(again) > 0.7
+        reconstruct(stations(places), LONG, range=ranges)  # warnings are errors
+
+    def test_missing_rows_between(self):
+        places, path, ranges, again = self.held(4, 0.3)
+        ranges[::7] = np.nan
+        track = reconstruct(stations(places), LONG, range=ranges)
+        known = np.isfinite(ranges)
+        assert np.mean(track.outlier.range[again & known]) > 0.8
+        assert not track.outlier.range[~known].any()
+        assert quality(track, path)[0] < 15.0
+
+    def test_coarse_steps(self):
+        places, _, ranges = scene(5, 4, LONG)
+        coarse = 30.0 * np.round(ranges / 30.0)
+        track = reconstruct(stations(places), LONG, range=coarse)
+        assert np.mean(track.outlier.range) < 0.02
