@@ -152,3 +152,35 @@ class TestRepeats:
         coarse = 30.0 * np.round(ranges / 30.0)
         track = reconstruct(stations(places), LONG, range=coarse)
         assert np.mean(track.outlier.range) < 0.02
+
+    @pytest.mark.parametrize("noise", [0.008, 0.012, 0.02])
+    def test_a_tag_that_rests(self, noise):
+        """At rest, ranges are equal by chance: their noise is much smaller than the stated one."""
+        rng = np.random.default_rng(33)
+        speed = np.where(np.arange(600) % 60 < 30, 0.08, 0.0)
+        course = np.cumsum(0.1 * rng.standard_normal(600))
+        path = np.cumsum(
+            speed[:, np.newaxis] * np.column_stack([np.sin(course), np.cos(course)]), 0
+        )
+        places = 6.0 * np.array([[-1.0, -1], [1, -1], [-1, 1], [1, 1]])
+        ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+        count = np.round((ranges + noise * rng.standard_normal(ranges.shape)) / 0.00625345)
+        # the last digit is not always rounded in the same way
+        ranges = np.round(0.00625345 * count + 1e-5 * (rng.random(count.shape) < 0.05), 5)
+        own = [Station(place, range_sigma=0.1) for place in places]
+        track = reconstruct(own, 0.1 * np.arange(600.0), range=ranges)
+        equal = np.concatenate([np.zeros((1, 4), bool), ranges[1:] == ranges[:-1]])
+        assert np.mean(equal) > 0.05
+        assert np.mean(track.outlier.range[equal]) < 0.2
+
+    def test_equal_bearings_after_an_outlier(self):
+        places, path, _ = scene(6, 5)
+        rng = np.random.default_rng(34)
+        offset = path[:, np.newaxis] - places
+        azimuth = np.degrees(np.arctan2(offset[..., 0], offset[..., 1]))
+        azimuth = np.round(azimuth + 2.0 * rng.standard_normal(azimuth.shape))
+        azimuth[::10, 1] += 60.0
+        azimuth[2::10, 1] = azimuth[1::10, 1]
+        own = [Station(place, azimuth_sigma=np.radians(2.0)) for place in places]
+        track = reconstruct(own, TIME, azimuth=np.radians(azimuth))
+        assert np.mean(track.outlier.azimuth[2::10, 1]) < 0.2

@@ -25,8 +25,8 @@ const STICKS: f64 = 0.005;
 const FEW: usize = 2;
 /// Upper bound of the odds, beyond any doubt.
 const CERTAIN: f64 = 1e100;
-/// Ratio of a typical difference of successive readings to those that are called small.
-const SMALL: f64 = 5.0;
+/// Differences of readings below this share of a typical one are no steps: last digits may be rounded in two ways.
+const ROUNDED: f64 = 0.01;
 /// Differences below this share of the numbers are rounding errors.
 const NO_STEP: f64 = 1e-12;
 
@@ -39,8 +39,7 @@ pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
 /// Returns which readings (N; nan where one is missing) are more probably repetitions than measurements, as
 /// [`repeated`] does for plots. Readings are recorded as they are, so that equal ones remain equal and the
 /// smallest difference of any two is the step: successive readings of a moving target may all be far apart. The
-/// last move says nothing, as it may be that of an outlier. Readings of a target at rest may be far more precise
-/// than stated: as many are equal by chance as differ by a small step. O(N log N).
+/// last move says nothing, as it may be that of an outlier. O(N log N).
 pub fn repeated_readings(y: &[f64], noise: Noise<'_>) -> Vec<bool> {
     repetitions(1, y, noise, true)
 }
@@ -100,8 +99,8 @@ struct Step {
     /// The smallest difference of successive numbers, and a typical one.
     least: f64,
     typical: f64,
-    /// Share of the successive readings that differ by a small step; none if the numbers are not readings.
-    small: Option<f64>,
+    /// If the numbers are readings, the smallest difference of any two that may be a step.
+    of_readings: Option<f64>,
 }
 
 impl Step {
@@ -118,19 +117,21 @@ impl Step {
             pairs.first().map(|pair| pair.0).into_iter().chain(pairs.iter().map(|pair| pair.1));
         let mut all: Vec<f64> = ends.map(|at| plots[at][axis]).collect();
         all.sort_by(f64::total_cmp);
-        let gaps = all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1]));
-        let small = steps.iter().filter(|step| **step <= typical / SMALL).count();
-        let small = as_read.then_some(small as f64 / pairs.len() as f64);
-        Self { any: gaps.fold(f64::INFINITY, f64::min), least, typical, small }
+        let gaps: Vec<f64> = all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1])).collect();
+        let above = |limit: f64| {
+            gaps.iter().copied().filter(|gap| *gap >= limit).fold(f64::INFINITY, f64::min)
+        };
+        let of_readings = as_read.then(|| above(ROUNDED * typical));
+        Self { any: above(0.0), least, typical, of_readings }
     }
 
     /// Largest probability that a number with this standard deviation occurs again after a move of this
     /// length.
     fn chance(&self, deviation: f64, moved: f64) -> f64 {
         let white = self.any / (2.0 * PI.sqrt() * ACCURATE * deviation);
-        let least = if self.small.is_some() { self.any } else { self.least };
-        let same = white.max(0.5 * least / self.typical).max(self.small.unwrap_or(0.0)).min(1.0);
-        if self.small.is_some() {
+        let step = self.of_readings.unwrap_or(self.least);
+        let same = white.max(0.5 * step / self.typical).min(1.0);
+        if self.of_readings.is_some() {
             return same;
         }
         let moved = (moved - SURE * SQRT_2 * deviation).max(0.0);
