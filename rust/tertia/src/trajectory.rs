@@ -75,8 +75,7 @@ const ROUNDS: usize = 10;
 const AGILE: f64 = 10.0;
 
 /// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
-/// estimated. Repeated measurements and columns that are wrong throughout are left out. N is
-/// 3 D.
+/// estimated. Repeated measurements and columns that are wrong throughout are left out. N is 3 D.
 ///
 /// # Errors
 /// No instant can be located, the measurements do not determine the biases, or no path was found that agrees

@@ -4,8 +4,7 @@
 //!
 //! Lasting errors are estimated from residuals about a path, to first order, and the residuals about a path
 //! that follows a column with a very large error that changes along the path do not determine its error. The
-//! robust positions of the single instants do not follow such a column: they leave it out at most
-//! instants.
+//! robust positions of single instants do not follow such a column: at nearly every instant, it is an outlier.
 
 use super::clocks;
 use super::fixes::Fixes;
