@@ -25,8 +25,13 @@ const STICKS: f64 = 0.005;
 const FEW: usize = 2;
 /// Upper bound of the odds, beyond any doubt.
 const CERTAIN: f64 = 1e100;
-/// Differences of readings below this share of a typical one are no steps: last digits may be rounded in two ways.
-const ROUNDED: f64 = 0.01;
+/// Differences of readings below this share of a typical one, and remainders below `ROUNDED` of a step, are no
+/// steps: last digits may be rounded in two ways. More than `MANY` steps are too inaccurate to be divided.
+const NEGLIGIBLE: f64 = 0.01;
+const ROUNDED: f64 = 0.1;
+const MANY: f64 = 20.0;
+/// Share of the differences that may be no multiples of the step.
+const EXCEPTIONS: f64 = 0.1;
 /// Differences below this share of the numbers are rounding errors.
 const NO_STEP: f64 = 1e-12;
 
@@ -37,9 +42,9 @@ pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
 }
 
 /// Returns which readings (N; nan where one is missing) are more probably repetitions than measurements, as
-/// [`repeated`] does for plots. Readings are recorded as they are, so that equal ones remain equal and the
-/// smallest difference of any two is the step: successive readings of a moving target may all be far apart. The
-/// last move says nothing, as it may be that of an outlier. O(N log N).
+/// [`repeated`] does for plots. Readings are recorded as they are, so that equal ones remain equal and all
+/// differences are multiples of the step, even if those of successive readings of a moving target are all large.
+/// The last move says nothing, as it may be that of an outlier. O(N log N).
 pub fn repeated_readings(y: &[f64], noise: Noise<'_>) -> Vec<bool> {
     repetitions(1, y, noise, true)
 }
@@ -94,13 +99,13 @@ fn variance(noise: Noise<'_>, dimension: usize, at: usize, axis: usize) -> f64 {
 
 /// Differences between successive numbers of an axis, where these differ.
 struct Step {
-    /// The smallest difference of any two numbers, which is at least the step of the record.
+    /// The smallest difference of any two numbers, which is at least the step of the record; of readings, the
+    /// step.
     any: f64,
     /// The smallest difference of successive numbers, and a typical one.
     least: f64,
     typical: f64,
-    /// If the numbers are readings, the smallest difference of any two that may be a step.
-    of_readings: Option<f64>,
+    as_read: bool,
 }
 
 impl Step {
@@ -117,26 +122,64 @@ impl Step {
             pairs.first().map(|pair| pair.0).into_iter().chain(pairs.iter().map(|pair| pair.1));
         let mut all: Vec<f64> = ends.map(|at| plots[at][axis]).collect();
         all.sort_by(f64::total_cmp);
-        let gaps: Vec<f64> = all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1])).collect();
-        let above = |limit: f64| {
-            gaps.iter().copied().filter(|gap| *gap >= limit).fold(f64::INFINITY, f64::min)
-        };
-        let of_readings = as_read.then(|| above(ROUNDED * typical));
-        Self { any: above(0.0), least, typical, of_readings }
+        let mut gaps: Vec<f64> =
+            all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1])).collect();
+        gaps.sort_by(f64::total_cmp);
+        if as_read {
+            let step = step_of(&gaps[gaps.partition_point(|gap| *gap < NEGLIGIBLE * typical)..]);
+            return Self { any: step, least: step, typical, as_read };
+        }
+        Self { any: gaps.first().copied().unwrap_or(f64::INFINITY), least, typical, as_read }
     }
 
     /// Largest probability that a number with this standard deviation occurs again after a move of this
     /// length.
     fn chance(&self, deviation: f64, moved: f64) -> f64 {
         let white = self.any / (2.0 * PI.sqrt() * ACCURATE * deviation);
-        let step = self.of_readings.unwrap_or(self.least);
-        let same = white.max(0.5 * step / self.typical).min(1.0);
-        if self.of_readings.is_some() {
+        let same = white.max(0.5 * self.least / self.typical).min(1.0);
+        if self.as_read {
             return same;
         }
         let moved = (moved - SURE * SQRT_2 * deviation).max(0.0);
         same * (-(moved / (2.0 * deviation)).powi(2)).exp()
     }
+}
+
+/// Returns the step of which differences (in ascending order) are multiples, but for a few: the smallest of
+/// them, or else their greatest common divisor. O(N log N).
+fn step_of(gaps: &[f64]) -> f64 {
+    let few = |count: usize| (EXCEPTIONS * count as f64) as usize;
+    let mut tried = 0.0;
+    for &step in &gaps[..gaps.len().min(few(gaps.len()) + 1)] {
+        if step > (1.0 + ROUNDED) * tried {
+            tried = step;
+            let near = &gaps[..gaps.partition_point(|gap| *gap <= MANY * step)];
+            let others = near.iter().filter(|gap| remainder(**gap, step) > ROUNDED * step).count();
+            if others <= few(near.len()) {
+                return step;
+            }
+        }
+    }
+    gaps.iter().copied().fold(f64::INFINITY, common_divisor)
+}
+
+/// Distance of a number from the nearest multiple of a step.
+fn remainder(number: f64, step: f64) -> f64 {
+    let rest = number % step;
+    rest.min(step - rest)
+}
+
+/// Greatest common divisor of two differences, by Euclid's algorithm.
+fn common_divisor(a: f64, b: f64) -> f64 {
+    let (mut large, mut small) = (a.max(b), a.min(b));
+    while large <= MANY * small {
+        let rest = remainder(large, small);
+        if rest <= ROUNDED * small {
+            break;
+        }
+        (large, small) = (small, rest);
+    }
+    small
 }
 
 #[cfg(test)]
