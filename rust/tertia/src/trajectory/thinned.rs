@@ -5,6 +5,8 @@
 //! Lasting errors are estimated from residuals about a path, to first order, and the residuals about a path
 //! that follows a column with a very large error that changes along the path do not determine its error. The
 //! robust positions of single instants do not follow such a column: at nearly every instant, it is an outlier.
+//! Where only one measurement would remain redundant, as with four ranges in the plane, the column is the one
+//! without which all others agree at most instants, if without any other one they do not.
 
 use super::clocks;
 use super::fixes::Fixes;
@@ -23,14 +25,22 @@ use crate::smoothing::{Noise, repeated_readings};
 const ENOUGH: usize = 20;
 const SHARE: f64 = 0.75;
 /// Degrees of freedom of an instant that is located robustly, and those that must remain without outliers. If
-/// only one remains, the others may agree by chance, and only errors of this size in standard deviations show
-/// that a column is wrong.
+/// fewer remain, the others may agree by chance.
 const REDUNDANCY: usize = 2;
 const REDUNDANT: i64 = 2;
-const GROSS: f64 = 100.0;
-/// Spread of the errors of a column, in standard deviations, up to which it is the constant error of a station
-/// that is otherwise right.
+/// Probability below which the measurements of an instant do not agree.
+const DISAGREE: f64 = 0.01;
+/// Share of the instants with at most the typical statistic, and what it is for measurements with noise alone.
+const MOST: f64 = 0.7;
+const EXPECTED: f64 = 1.0;
+/// Least ratio of the typical statistics without another column and without the wrong one, and the largest one
+/// without the wrong one, as the others may have systematic errors.
+const CLEARER: f64 = 10.0;
+const MODERATE: f64 = 100.0;
+/// Spread of the errors of a column, and their median, in standard deviations, up to which they are the constant
+/// error of a station that is otherwise right. Larger ones cannot be estimated to first order.
 const CHANGES: f64 = 3.0;
+const GROSS: f64 = 30.0;
 
 /// A record without measurements that tell nothing about the target.
 pub(super) struct Thinned {
@@ -104,8 +114,8 @@ fn leave_out_repeated(record: &Record<'_>, values: &mut [f64]) -> bool {
     any
 }
 
-/// Returns the columns that contradict the robust positions of single instants throughout, by errors that
-/// change. Where clocks differ, measurements belong to other times than those of their instants.
+/// Returns the columns that contradict all others throughout, by errors that change. Where clocks differ,
+/// measurements belong to other times than those of their instants.
 fn wrong_throughout<const D: usize>(record: &Record<'_>, systematic: &Systematic) -> Vec<usize> {
     if !clocks::are_right(record, systematic) {
         return Vec::new();
@@ -113,30 +123,105 @@ fn wrong_throughout<const D: usize>(record: &Record<'_>, systematic: &Systematic
     let mirror = Mirror::<D>::chosen(record);
     let fixes = Fixes::robust_from::<D>(record, REDUNDANCY);
     let fixes = fixes.beside(record, record.values, mirror.as_ref());
+    let found = outside::<D>(record, systematic, &fixes);
+    if found.is_empty() && disagree(&fixes) {
+        return disturbing::<D>(record, systematic, mirror.as_ref()).into_iter().collect();
+    }
+    found
+}
+
+/// Columns with measurements of stations.
+fn columns(record: &Record<'_>) -> impl Iterator<Item = usize> {
+    let own = |column: usize| record.values.iter().skip(column).step_by(record.width());
+    (0..KINDS * record.receivers()).filter(move |&column| own(column).any(|v| !v.is_nan()))
+}
+
+/// Returns the columns that are outliers at nearly all of the instants that have enough other measurements.
+fn outside<const D: usize>(
+    record: &Record<'_>,
+    systematic: &Systematic,
+    fixes: &Fixes,
+) -> Vec<usize> {
     let width = record.width();
     let outliers =
         |t: usize| fixes.outlier[t * width..][..width].iter().filter(|outlier| **outlier).count();
     let left = |t: usize| fixes.fixes[t].degrees_of_freedom - outliers(t) as i64;
-    let is_sure = |t: &usize| fixes.is_located(*t) && left(*t) > 0;
+    let is_sure = |t: &usize| fixes.is_located(*t) && left(*t) >= REDUNDANT;
     let sure: Vec<usize> = (0..record.len()).filter(is_sure).collect();
-    let is_wrong = |column: &usize| {
-        let is_known = |t: &usize| !record.values[t * width + column].is_nan();
-        let own: Vec<usize> = sure.iter().copied().filter(is_known).collect();
-        if own.len() < ENOUGH || 2 * own.len() < (0..record.len()).filter(is_known).count() {
-            return false;
-        }
-        let residual = |t: usize| fixes.residual[t * width + column];
-        let stated = systematic.sigma(*column, record);
-        let contradicts = |t: usize| {
-            let limit = if left(t) < REDUNDANT { GROSS } else { TUKEY };
-            let expected = f64::hypot(1.0, stated / record.sigmas_at(t)[*column]);
-            fixes.outlier[t * width + column] && residual(t).abs() > limit * expected
-        };
-        let count = own.iter().filter(|t| contradicts(**t)).count();
-        count as f64 >= SHARE * own.len() as f64
-            && spread(own.iter().map(|t| residual(*t)).collect()).1 > CHANGES
+    let is_wrong = |&column: &usize| {
+        let known = |t: usize| !record.values[t * width + column].is_nan();
+        let own: Vec<usize> = sure.iter().copied().filter(|t| known(*t)).collect();
+        let errors = errors(record, systematic, column, &fixes.residual, own.iter());
+        let outside = errors.iter().filter(|error| error.abs() > TUKEY).count();
+        own.len() >= ENOUGH
+            && 2 * own.len() >= (0..record.len()).filter(|t| known(*t)).count()
+            && outside as f64 >= SHARE * own.len() as f64
+            && changes(errors)
     };
-    (0..KINDS * record.receivers()).filter(is_wrong).collect()
+    columns(record).filter(is_wrong).collect()
+}
+
+/// Whether the redundant measurements of most instants contradict each other.
+fn disagree(fixes: &Fixes) -> bool {
+    let redundant = |t: &usize| fixes.fixes[*t].degrees_of_freedom >= REDUNDANT;
+    let redundant: Vec<usize> = (0..fixes.fixes.len()).filter(redundant).collect();
+    let agrees = |t: &&usize| fixes.is_located(**t) && fixes.fixes[**t].pvalue >= DISAGREE;
+    redundant.len() >= ENOUGH && 2 * redundant.iter().filter(agrees).count() < redundant.len()
+}
+
+/// Returns the column without which all others agree much better than without any other one, if there is one
+/// and its errors change.
+fn disturbing<const D: usize>(
+    record: &Record<'_>,
+    systematic: &Systematic,
+    mirror: Option<&Mirror<D>>,
+) -> Option<usize> {
+    let without = |column: usize| Fixes::without_column::<D>(record, column, mirror);
+    let mut all: Vec<(f64, usize)> =
+        columns(record).map(|column| (typical(&without(column)), column)).collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [(least, column), (next, _), ..] = all[..] else { return None };
+    if least > MODERATE || next < CLEARER * least.max(EXPECTED) {
+        return None;
+    }
+    let fixes = without(column);
+    let values = record.values.to_vec();
+    let residual = residuals::<D, D>(record, values, &fixes.position, &fixes.outlier);
+    let known = |t: &usize| !residual[t * record.width() + column].is_nan();
+    let known: Vec<usize> = (0..record.len()).filter(known).collect();
+    changes(errors(record, systematic, column, &residual, known.iter())).then_some(column)
+}
+
+/// Statistic per degree of freedom that most redundant instants do not exceed.
+fn typical(fixes: &Fixes) -> f64 {
+    let located = (0..fixes.fixes.len()).filter(|t| fixes.is_located(*t)).map(|t| fixes.fixes[t]);
+    let redundant = located.filter(|fix| fix.degrees_of_freedom > 0);
+    let mut all: Vec<f64> =
+        redundant.map(|fix| fix.statistic / fix.degrees_of_freedom as f64).collect();
+    if all.len() < ENOUGH {
+        return f64::INFINITY;
+    }
+    let at = (MOST * all.len() as f64) as usize;
+    *all.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// Errors of a column at these instants, in standard deviations with that of its stated systematic error.
+fn errors<'a>(
+    record: &Record<'_>,
+    systematic: &Systematic,
+    column: usize,
+    residual: &[f64],
+    instants: impl Iterator<Item = &'a usize>,
+) -> Vec<f64> {
+    let stated = systematic.sigma(column, record);
+    let expected = |t: usize| f64::hypot(1.0, stated / record.sigmas_at(t)[column]);
+    instants.map(|t| residual[t * record.width() + column] / expected(*t)).collect()
+}
+
+/// Whether errors in standard deviations are not those of a station with a small constant error.
+fn changes(errors: Vec<f64>) -> bool {
+    let (centre, spread) = spread(errors);
+    spread > CHANGES || centre.abs() > GROSS
 }
 
 /// Median, and the standard deviation that follows from the median distance from it.
