@@ -57,18 +57,6 @@ impl Fixes {
         own
     }
 
-    /// Locates all instants by least squares without a column, on the side of the mirror's normal.
-    pub(super) fn without_column<const D: usize>(
-        record: &Record<'_>,
-        column: usize,
-        mirror: Option<&Mirror<D>>,
-    ) -> Self {
-        let mut values = record.values.to_vec();
-        values.iter_mut().skip(column).step_by(record.width()).for_each(|own| *own = f64::NAN);
-        let record = Record { robust: false, ..*record };
-        Self::of::<D>(&record, &values).beside(&record, &values, mirror)
-    }
-
     /// Locates all instants. Returns these fixes, and fixes on the side of the mirror's normal from which a
     /// path can begin: there, instants with little redundancy are located from running medians of the
     /// measurements.

@@ -10,8 +10,9 @@
 
 use super::clocks;
 use super::fixes::Fixes;
+use super::instant::{Instant, Seen};
 use super::lasting::LastingErrors;
-use super::measured::Record;
+use super::measured::{Measured, Place, Record};
 use super::mirror::Mirror;
 use super::prior::Systematic;
 use super::result::{Trajectory, residuals};
@@ -20,6 +21,7 @@ use crate::base::angle::median;
 use crate::base::distribution::normal_two_sided_quantile;
 use crate::sensors::{KINDS, Kind};
 use crate::smoothing::{Noise, repeated_readings};
+use nalgebra::{DMatrix, DVector};
 
 /// Least number of measurements, and the least share of them, that contradict the others.
 const ENOUGH: usize = 20;
@@ -33,10 +35,15 @@ const DISAGREE: f64 = 0.01;
 /// Share of the instants with at most the typical statistic, and what it is for measurements with noise alone.
 const MOST: f64 = 0.7;
 const EXPECTED: f64 = 1.0;
-/// Least ratio of the typical statistics without another column and without the wrong one, and the largest one
-/// without the wrong one, as the others may have systematic errors.
+/// Least ratio of the typical statistics without another column and without the wrong one, and that where even
+/// without the wrong one the others do not agree, as with many outliers or large systematic errors.
 const CLEARER: f64 = 10.0;
-const MODERATE: f64 = 100.0;
+const FAR_CLEARER: f64 = 1e3;
+const MODERATE: f64 = 4.0;
+/// Ratio of the typical statistics up to which constant errors explain the measurements as well, and information,
+/// relative to the largest one, from which constants are determined.
+const AS_WELL: f64 = 0.8;
+const DETERMINED: f64 = 1e-9;
 /// Spread of the errors of a column, and their median, in standard deviations, up to which they are the constant
 /// error of a station that is otherwise right. Larger ones cannot be estimated to first order.
 const CHANGES: f64 = 3.0;
@@ -169,35 +176,89 @@ fn disagree(fixes: &Fixes) -> bool {
     redundant.len() >= ENOUGH && 2 * redundant.iter().filter(agrees).count() < redundant.len()
 }
 
-/// Returns the column without which all others agree much better than without any other one, if there is one
-/// and its errors change.
+/// Returns the column without which all others agree much better than without any other one, if there is one,
+/// its errors change, and constant errors of all columns do not explain the measurements as well.
 fn disturbing<const D: usize>(
     record: &Record<'_>,
     systematic: &Systematic,
     mirror: Option<&Mirror<D>>,
 ) -> Option<usize> {
-    let without = |column: usize| Fixes::without_column::<D>(record, column, mirror);
+    let located = |values: &[f64]| {
+        let record = Record { robust: false, ..*record };
+        Fixes::of::<D>(&record, values).beside(&record, values, mirror)
+    };
+    let without = |column: usize| {
+        let mut values = record.values.to_vec();
+        values.iter_mut().skip(column).step_by(record.width()).for_each(|own| *own = f64::NAN);
+        located(&values)
+    };
+    let of_fixes = |fixes: &Fixes| {
+        typical(
+            redundant(fixes)
+                .map(|t| fixes.fixes[t].statistic / fixes.fixes[t].degrees_of_freedom as f64),
+        )
+    };
     let mut all: Vec<(f64, usize)> =
-        columns(record).map(|column| (typical(&without(column)), column)).collect();
+        columns(record).map(|column| (of_fixes(&without(column)), column)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(least, column), (next, _), ..] = all[..] else { return None };
-    if least > MODERATE || next < CLEARER * least.max(EXPECTED) {
+    let clearer = if least > MODERATE { FAR_CLEARER } else { CLEARER };
+    if next < clearer * least.max(EXPECTED) {
+        return None;
+    }
+    let constant = typical(left_by_constants::<D>(record, &located(record.values)).into_iter());
+    if constant < AS_WELL * least.max(EXPECTED) {
         return None;
     }
     let fixes = without(column);
-    let values = record.values.to_vec();
-    let residual = residuals::<D, D>(record, values, &fixes.position, &fixes.outlier);
+    let residual =
+        residuals::<D, D>(record, record.values.to_vec(), &fixes.position, &fixes.outlier);
     let known = |t: &usize| !residual[t * record.width() + column].is_nan();
     let known: Vec<usize> = (0..record.len()).filter(known).collect();
     changes(errors(record, systematic, column, &residual, known.iter())).then_some(column)
 }
 
-/// Statistic per degree of freedom that most redundant instants do not exceed.
-fn typical(fixes: &Fixes) -> f64 {
-    let located = (0..fixes.fixes.len()).filter(|t| fixes.is_located(*t)).map(|t| fixes.fixes[t]);
-    let redundant = located.filter(|fix| fix.degrees_of_freedom > 0);
-    let mut all: Vec<f64> =
-        redundant.map(|fix| fix.statistic / fix.degrees_of_freedom as f64).collect();
+/// Instants with a position and redundant measurements.
+fn redundant(fixes: &Fixes) -> impl Iterator<Item = usize> {
+    let own = |t: &usize| fixes.is_located(*t) && fixes.fixes[*t].degrees_of_freedom > 0;
+    (0..fixes.fixes.len()).filter(own)
+}
+
+/// Returns the statistics per degree of freedom of redundant instants less what constant errors of all columns
+/// explain.
+fn left_by_constants<const D: usize>(record: &Record<'_>, fixes: &Fixes) -> Vec<f64> {
+    let columns: Vec<usize> = columns(record).collect();
+    let measured = Measured::<D>::new(record, record.values.to_vec());
+    let weight: Vec<f64> = (0..measured.len()).map(|m| measured.precision(m).powi(2)).collect();
+    let linearised = |t: usize| {
+        let seen = Seen { t, place: Place::at(&fixes.position[t * D..]), velocity: [0.0; D] };
+        Instant::new(&measured, seen, &weight, &columns, 0.0)
+    };
+    let instants: Vec<(usize, Instant<D>)> = redundant(fixes).map(|t| (t, linearised(t))).collect();
+    let size = columns.len();
+    let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    for (_, instant) in &instants {
+        instant.add_information(|i| instant.rows[i].1, &mut information);
+        for (kept, (_, w, r, ..)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
+            kept.iter().enumerate().for_each(|(a, kept)| scores[a] += kept * w * r);
+        }
+    }
+    let values = information.svd(true, true);
+    let least = DETERMINED * values.singular_values.max();
+    // both factors are computed
+    let constants = values.solve(&scores, least).unwrap_or(scores);
+    let statistic = |instant: &Instant<D>| {
+        let left = instant.left(&constants);
+        left.iter().zip(&instant.rows).map(|(left, (_, w, ..))| w * left * left).sum::<f64>()
+    };
+    let each =
+        instants.iter().map(|(t, own)| statistic(own) / fixes.fixes[*t].degrees_of_freedom as f64);
+    each.collect()
+}
+
+/// Number that most of these do not exceed; infinite if there are not enough.
+fn typical(numbers: impl Iterator<Item = f64>) -> f64 {
+    let mut all: Vec<f64> = numbers.collect();
     if all.len() < ENOUGH {
         return f64::INFINITY;
     }
