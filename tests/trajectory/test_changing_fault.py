@@ -83,6 +83,40 @@ def test_four_stations_of_which_one_is_grossly_wrong(fault):
         assert quality(track, path)[0] < 15.0
 
 
+@pytest.mark.parametrize("fault", [1.3, "position", "stuck at noise"])
+@pytest.mark.parametrize("contamination", [0.0, 0.05])
+def test_four_stations_of_which_three_agree(fault, contamination):
+    for seed in range(4):
+        places, path, ranges = scene(seed, 4)
+        ranges = wrong(ranges, path, fault)
+        rng = np.random.default_rng([35, seed])
+        is_outlier = rng.random(ranges.shape) < contamination * (np.arange(4) != 2)
+        ranges[is_outlier] += 300.0 * rng.standard_normal(np.count_nonzero(is_outlier))
+        track = reconstruct(stations(places), TIME, range=np.abs(ranges))
+        assert track.outlier.range[:, 2].all()
+        # the path was wrong by 100 m to kilometres
+        rmse, share = quality(track, path)
+        assert rmse < 10.0
+        assert share > 0.7
+
+
+def test_constant_errors_of_four_stations_are_no_changing_error_of_one():
+    """Without the second station, the bearings of the others nearly agree by chance."""
+    rng = np.random.default_rng([90, 0])
+    course = rng.uniform(0, 6.3) + np.cumsum(0.03 * rng.standard_normal(150))
+    path = 4e3 + np.cumsum(30.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    offset = path[:, np.newaxis] - PLACES[:4]
+    errors = np.array([1.8, -14.0, 0.1, -3.1]) + rng.standard_normal((150, 4))
+    azimuth = np.arctan2(offset[..., 0], offset[..., 1]) + np.radians(errors)
+    own = [Station(place, azimuth_sigma=np.radians(1.0)) for place in PLACES[:4]]
+    track = reconstruct(own, 2.0 * np.arange(150), azimuth=azimuth)
+    assert not track.outlier.azimuth.all(axis=0).any()
+    rmse, share = quality(track, path)
+    # without the second station, the path was wrong by 290 m, and no position was inside
+    assert rmse < 100.0
+    assert share > 0.9
+
+
 def test_stations_without_systematic_errors():
     places, path, ranges = scene(1, 6)
     track = reconstruct(stations(places), TIME, range=wrong(ranges, path, 0.3048), bias=Bias())
@@ -131,6 +165,19 @@ class TestRepeats:
         rmse, share = np.transpose(figures)
         # with the repeated ranges, no position was inside, and the path lagged by 40 m
         assert np.max(rmse) < 20.0
+        assert np.mean(share) > 0.85
+
+    def test_few_distinct_ranges(self):
+        """The differences of any two are large, but have no common step."""
+        figures = []
+        for seed in range(6):
+            places, path, ranges, again = self.held(seed, 0.85)
+            track = reconstruct(stations(places), LONG, range=ranges)
+            assert np.mean(track.outlier.range[again]) > 0.9
+            figures.append(quality(track, path))
+        rmse, share = np.transpose(figures)
+        # the path was wrong by 100 m
+        assert np.max(rmse) < 30.0
         assert np.mean(share) > 0.85
 
     def test_no_warning_that_most_are_left_out(self):

@@ -231,6 +231,20 @@ mod tests {
         assert!(!repeated_readings(&coarse, NOISE).contains(&true));
     }
 
+    #[test]
+    fn the_step_is_that_of_which_differences_are_multiples() {
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-3 * b;
+        assert!(near(step_of(&[0.4, 0.6, 1.0, 1.4]), 0.2));
+        // last digits rounded in two ways, and a number between two steps
+        let rounded: Vec<f64> = (1..20).map(|k| f64::from(k) + 0.002 * f64::from(k % 2)).collect();
+        assert!(near(step_of(&rounded), 1.002));
+        let between: Vec<f64> = [0.3].into_iter().chain((2..20).map(f64::from)).collect();
+        assert!(near(step_of(&between), 2.0));
+        // no common step
+        assert!(step_of(&[10.0, 23.7, 31.3, 48.9, 77.1]) < 0.2);
+        assert_eq!(step_of(&[]), f64::INFINITY);
+    }
+
     /// A target that moves by ten standard deviations a step is not where it was.
     #[test]
     fn a_fast_target_does_not_stay() {
