@@ -129,12 +129,23 @@ fn wrong_throughout<const D: usize>(record: &Record<'_>, systematic: &Systematic
     }
     let mirror = Mirror::<D>::chosen(record);
     let fixes = Fixes::robust_from::<D>(record, REDUNDANCY);
-    let fixes = fixes.beside(record, record.values, mirror.as_ref());
+    let fixes = on_a_side(fixes, record, record.values, mirror.as_ref());
     let found = outside::<D>(record, systematic, &fixes);
     if found.is_empty() && disagree(&fixes) {
         return disturbing::<D>(record, systematic, mirror.as_ref()).into_iter().collect();
     }
     found
+}
+
+/// Moves positions to the side of the mirror's normal if hardly any instant has a position otherwise. Stations
+/// that are only near a plane determine the side, which may be the other one.
+fn on_a_side<const D: usize>(
+    fixes: Fixes,
+    record: &Record<'_>,
+    values: &[f64],
+    mirror: Option<&Mirror<D>>,
+) -> Fixes {
+    if fixes.are_hardly_located() { fixes.beside(record, values, mirror) } else { fixes }
 }
 
 /// Columns with measurements of stations.
@@ -185,7 +196,7 @@ fn disturbing<const D: usize>(
 ) -> Option<usize> {
     let located = |values: &[f64]| {
         let record = Record { robust: false, ..*record };
-        Fixes::of::<D>(&record, values).beside(&record, values, mirror)
+        on_a_side(Fixes::of::<D>(&record, values), &record, values, mirror)
     };
     let without = |column: usize| {
         let mut values = record.values.to_vec();
@@ -203,7 +214,7 @@ fn disturbing<const D: usize>(
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(least, column), (next, _), ..] = all[..] else { return None };
     let clearer = if least > MODERATE { FAR_CLEARER } else { CLEARER };
-    if next < clearer * least.max(EXPECTED) {
+    if least == f64::INFINITY || next < clearer * least.max(EXPECTED) {
         return None;
     }
     let constant = typical(left_by_constants::<D>(record, &located(record.values)).into_iter());
