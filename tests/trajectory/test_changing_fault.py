@@ -117,6 +117,40 @@ def test_constant_errors_of_four_stations_are_no_changing_error_of_one():
     assert share > 0.9
 
 
+ANCHORS = np.array(
+    [[0, 0, 0], [80, 0, 5], [0, 80, 10], [80, 80, 0], [40, -30, 12], [-30, 40, 3], [110, 40, 8.0]]
+)
+
+
+def walk(seed, fault):
+    """Return the way of a tag between anchors near a plane, and ranges; one anchor may be wrong."""
+    rng = np.random.default_rng([77, seed])
+    course = rng.uniform(0, 6.3) + np.cumsum(0.03 * rng.standard_normal(120))
+    time = 2.0 * np.arange(120)
+    way = 40.0 + np.cumsum(0.3 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    way = np.column_stack([way, 1.0 + 0.5 * np.sin(time / 30)])
+    ranges = np.linalg.norm(way[:, np.newaxis] - ANCHORS, axis=-1)
+    ranges += 0.1 * rng.standard_normal(ranges.shape)
+    ranges[:, 2] += {"none": 0.0, "drift": time / 40, "scale": 0.3 * ranges[:, 2]}[fault]
+    return time, way, ranges
+
+
+@pytest.mark.filterwarnings("ignore:no path above the stations fits")
+@pytest.mark.parametrize("fault", ["none", "drift", "scale"])
+def test_anchors_near_a_plane(fault):
+    """Seed 1: above the plane, there is only one of the positions of single instants."""
+    for seed in range(4):
+        time, way, ranges = walk(seed, fault)
+        track = reconstruct([Station(p, range_sigma=0.1) for p in ANCHORS], time, range=ranges)
+        assert track.outlier.range[:, 2].all() == (fault != "none")
+        error = track.position - way
+        solved = np.linalg.solve(track.covariance[:, :3, :3], error[..., np.newaxis])[..., 0]
+        # the path was wrong by metres, or known at one instant
+        assert np.sqrt(np.mean(np.sum(error**2, axis=-1))) < 0.5
+        inside = np.sum(error * solved, axis=-1) < stats.chi2.ppf(0.95, 3)
+        assert np.mean(inside) > 0.7
+
+
 def test_stations_without_systematic_errors():
     places, path, ranges = scene(1, 6)
     track = reconstruct(stations(places), TIME, range=wrong(ranges, path, 0.3048), bias=Bias())

@@ -75,6 +75,13 @@ pub(super) fn begin<const D: usize, const N: usize>(
     }
     let mut sides =
         [on(setting, Some(mirror.clone()), false), on(setting, Some(mirror.flipped()), false)];
+    let known = [0, 1].map(|at| sides[at].as_ref().map_or(0, |(found, _)| known(found, record)));
+    for at in 0..2 {
+        // a path on the wrong side may consist of a few instants that happen to be there
+        if sides[at].is_ok() && 2 * known[at] < known[1 - at] {
+            sides[at] = Err(Failure::Diverged);
+        }
+    }
     let values = [0, 1].map(|at| sides[at].as_ref().ok().and_then(|one| one.1));
     if let Some(likeliest) = values.into_iter().flatten().reduce(f64::max) {
         // the path may cross the plane, and so does the wide search
@@ -137,6 +144,12 @@ pub(super) fn begin<const D: usize, const N: usize>(
         return Ok((image, Side::Known));
     }
     Ok((path, if more < AMBIGUOUS { Side::OneOfTwo } else { Side::Known }))
+}
+
+/// Number of instants at which a path is known.
+fn known<const D: usize, const N: usize>(found: &Found<D, N>, record: &Record<'_>) -> usize {
+    let is_known = |t: &usize| !found.path.position::<D>(*t).iter().any(|p| p.is_nan());
+    (0..record.len()).filter(is_known).count()
 }
 
 /// Whether the cheaper of two paths was far from the target while it was sought, or the other one was and is
