@@ -73,7 +73,15 @@ def test_a_path_far_from_the_target_is_not_bent_into_agreement(seed, size, rate,
     assert inside(found, truth) > 0.8
 
 
+def test_a_path_on_the_wrong_side_that_has_only_a_few_instants():
+    """Above the stations, there are only a few of the instants of a path below them."""
+    stations, values, truth = measured(25, 3, ["range"], 0.02, 0.1)
+    found = reconstruct(stations, TIMES, **values)
+    assert np.median(np.linalg.norm(found.position - truth, axis=1)) < 60.0
+    assert inside(found, truth) > 0.8
+
+
 def test_a_path_that_left_out_nearly_all_measurements_is_refused():
-    stations, values, _ = measured(25, 3, ["range"], 0.02, 0.1)
+    stations, values, _ = measured(3, 3, ["range"], 0.02, 0.3)
     with pytest.raises(ValueError, match="no path was found that agrees with the measurements"):
         reconstruct(stations, time=TIMES, **values)
