@@ -203,14 +203,12 @@ fn disturbing<const D: usize>(
         values.iter_mut().skip(column).step_by(record.width()).for_each(|own| *own = f64::NAN);
         located(&values)
     };
-    let of_fixes = |fixes: &Fixes| {
-        typical(
-            redundant(fixes)
-                .map(|t| fixes.fixes[t].statistic / fixes.fixes[t].degrees_of_freedom as f64),
-        )
+    let left = |column: usize| {
+        let fixes = without(column);
+        let own = redundant(&fixes).map(|t| &fixes.fixes[t]);
+        typical(own.map(|fix| fix.statistic / fix.degrees_of_freedom as f64))
     };
-    let mut all: Vec<(f64, usize)> =
-        columns(record).map(|column| (of_fixes(&without(column)), column)).collect();
+    let mut all: Vec<(f64, usize)> = columns(record).map(|column| (left(column), column)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(least, column), (next, _), ..] = all[..] else { return None };
     let clearer = if least > MODERATE { FAR_CLEARER } else { CLEARER };
@@ -226,7 +224,8 @@ fn disturbing<const D: usize>(
         residuals::<D, D>(record, record.values.to_vec(), &fixes.position, &fixes.outlier);
     let known = |t: &usize| !residual[t * record.width() + column].is_nan();
     let known: Vec<usize> = (0..record.len()).filter(known).collect();
-    changes(errors(record, systematic, column, &residual, known.iter())).then_some(column)
+    let errors = errors(record, systematic, column, &residual, known.iter());
+    (errors.len() >= ENOUGH && changes(errors)).then_some(column)
 }
 
 /// Instants with a position and redundant measurements.
@@ -245,7 +244,10 @@ fn left_by_constants<const D: usize>(record: &Record<'_>, fixes: &Fixes) -> Vec<
         let seen = Seen { t, place: Place::at(&fixes.position[t * D..]), velocity: [0.0; D] };
         Instant::new(&measured, seen, &weight, &columns, 0.0)
     };
-    let instants: Vec<(usize, Instant<D>)> = redundant(fixes).map(|t| (t, linearised(t))).collect();
+    // at a station itself, azimuths have no derivatives
+    let is_finite = |(_, own): &(usize, Instant<D>)| own.kept.iter().all(|kept| kept.is_finite());
+    let instants: Vec<(usize, Instant<D>)> =
+        redundant(fixes).map(|t| (t, linearised(t))).filter(is_finite).collect();
     let size = columns.len();
     let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for (_, instant) in &instants {
