@@ -124,12 +124,12 @@ impl Step {
         all.sort_by(f64::total_cmp);
         let mut gaps: Vec<f64> =
             all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1])).collect();
-        gaps.sort_by(f64::total_cmp);
         if as_read {
+            gaps.sort_by(f64::total_cmp);
             let step = step_of(&gaps[gaps.partition_point(|gap| *gap < NEGLIGIBLE * typical)..]);
             return Self { any: step, least: step, typical, as_read };
         }
-        Self { any: gaps.first().copied().unwrap_or(f64::INFINITY), least, typical, as_read }
+        Self { any: gaps.into_iter().fold(f64::INFINITY, f64::min), least, typical, as_read }
     }
 
     /// Largest probability that a number with this standard deviation occurs again after a move of this
