@@ -40,9 +40,9 @@ const EXPECTED: f64 = 1.0;
 const CLEARER: f64 = 10.0;
 const FAR_CLEARER: f64 = 1e3;
 const MODERATE: f64 = 4.0;
-/// Ratio of the typical statistics up to which constant errors explain the measurements as well, and information,
+/// Ratio of the typical statistics below which constant errors explain the measurements better, and information,
 /// relative to the largest one, from which constants are determined.
-const AS_WELL: f64 = 0.8;
+const BETTER: f64 = 0.8;
 const DETERMINED: f64 = 1e-9;
 /// Spread of the errors of a column, and their median, in standard deviations, up to which they are the constant
 /// error of a station that is otherwise right. Larger ones cannot be estimated to first order.
@@ -188,7 +188,7 @@ fn disagree(fixes: &Fixes) -> bool {
 }
 
 /// Returns the column without which all others agree much better than without any other one, if there is one,
-/// its errors change, and constant errors of all columns do not explain the measurements as well.
+/// its errors change, and constant errors of all columns do not explain the measurements better.
 fn disturbing<const D: usize>(
     record: &Record<'_>,
     systematic: &Systematic,
@@ -216,7 +216,7 @@ fn disturbing<const D: usize>(
         return None;
     }
     let constant = typical(left_by_constants::<D>(record, &located(record.values)).into_iter());
-    if constant < AS_WELL * least.max(EXPECTED) {
+    if constant < BETTER * least.max(EXPECTED) {
         return None;
     }
     let fixes = without(column);
