@@ -6,7 +6,7 @@ WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
 DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as names; print(*names)
-# tests that compare with the reference in NumPy; `make test-baseline COMPARED=tests` runs all
+# files with tests that compare with the reference in NumPy
 COMPARED = $(shell grep -lrE '^(from|import) reference' tests --include='test_*.py')
 
 .PHONY: demo test test-rust test-python test-examples test-stubs test-baseline lint lint-rust lint-python
@@ -53,7 +53,7 @@ test-stubs: $(WHEEL) $(VENV)/.test
 # once more what compares with NumPy, with its vector loops switched off: no test depends on rounding
 test-baseline: $(WHEEL) $(VENV)/.test
 	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(DISPATCHED)')" OPENBLAS_CORETYPE=Nehalem \
-		$(BIN)/python -m pytest -n auto --dist loadscope -m "not slow" $(COMPARED)
+		$(BIN)/python -m pytest -n auto --dist loadscope -m "compared and not slow" $(COMPARED)
 
 lint: lint-rust lint-python docs
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
+from compared import is_compared
 from hypothesis import HealthCheck, settings
 
 # the same examples in every run, and no deadline, which a busy machine would miss
@@ -15,6 +16,11 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("tertia")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in filter(is_compared, items):
+        item.add_marker(pytest.mark.compared)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from tertia.location import Station
@@ -153,22 +154,61 @@ def test_anchors_near_a_plane(fault):
 
 
 @pytest.mark.parametrize("count", [5, 8])
-def test_the_first_receiver_of_differences_is_one_of_several_as_arrivals(count):
-    """The differences of a first receiver with a drifting clock, as times of arrival."""
+@pytest.mark.parametrize("fault", ["drift", "position"])
+def test_the_first_receiver_of_differences_is_one_of_several(count, fault):
     figures = []
     for seed in range(8):
         places, path, ranges = scene(seed, count)
-        ranges[:, 0] += 3.0 * TIME
-        arrivals = (ranges - ranges[:, :1]) / LIGHT
+        if fault == "drift":
+            ranges[:, 0] += 3.0 * TIME
+        else:
+            places = places + np.array([2e3, 1e3]) * (np.arange(count) == 0)[:, np.newaxis]
         own = [Station(place) for place in places]
-        track = reconstruct(own, TIME, arrival_time=arrivals, arrival_time_sigma=SIGMA / LIGHT)
-        assert track.outlier.arrival_time[:, 0].all()
+        differences = ranges[:, 1:] - ranges[:, :1]
+        with pytest.warns(UserWarning, match="first station contradicts the others"):
+            track = reconstruct(
+                own, TIME, range_difference=differences, range_difference_sigma=SIGMA * np.sqrt(2)
+            )
+        assert track.outlier.range_difference.all()
+        assert np.isfinite(track.residual.range_difference).all()
         figures.append(quality(track, path))
     rmse, share = np.transpose(figures)
-    # from the differences, the path is wrong by 80 to 380 m
+    # the path was wrong by 80 to 380 m
     assert np.max(rmse) < 10.0
     # without errors, the shares are 0.88 and 0.92
     assert np.mean(share) > 0.8
+
+
+def test_differences_are_arrivals():
+    """The same path, whichever receiver is the first; each difference has the error of its two."""
+    places, _, ranges = scene(3, 6)
+    ranges[10, 0] += 500.0
+    ranges[20, 3] += 500.0
+    tracks = []
+    for first in (0, 4):
+        order = [first, *(k for k in range(6) if k != first)]
+        own = [Station(place) for place in places[order]]
+        differences = ranges[:, order[1:]] - ranges[:, [first]]
+        tracks.append(
+            reconstruct(
+                own, TIME, range_difference=differences, range_difference_sigma=SIGMA * np.sqrt(2)
+            )
+        )
+    arrivals = (ranges - ranges[:, :1]) / LIGHT
+    track = reconstruct(
+        [Station(place) for place in places],
+        TIME,
+        arrival_time=arrivals,
+        arrival_time_sigma=SIGMA / LIGHT,
+    )
+    for one in tracks:
+        assert_allclose(one.position, track.position, rtol=0, atol=1e-6)
+        assert_allclose(one.covariance, track.covariance, rtol=1e-6, atol=1e-9)
+    outlier = track.outlier.arrival_time
+    assert_array_equal(tracks[0].outlier.range_difference, outlier[:, 1:] | outlier[:, :1])
+    residual = SIGMA * track.residual.arrival_time
+    expected = (residual[:, 1:] - residual[:, :1]) / (SIGMA * np.sqrt(2))
+    assert_allclose(tracks[0].residual.range_difference, expected, atol=1e-6)
 
 
 def test_stations_without_systematic_errors():

@@ -11,6 +11,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._degrees import warn_if_degrees
+from tertia.sensors._kinds import KINDS
 from tertia.trajectory._speed import height_rows, instants
 
 # share of instants with outliers from which angles may be in degrees
@@ -38,6 +39,11 @@ _MIRRORED = (
     "its mirror image below them (mirror_image); give initial to choose. A path that crosses the "
     "plane of the stations would be reflected at it"
 )
+_FIRST = (
+    "the first station contradicts the others, so all its range differences are outliers: the path "
+    "follows from the differences between the other stations; check the clock and the position of "
+    "the first station"
+)
 
 
 def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = False) -> None:
@@ -46,7 +52,19 @@ def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = Fal
     `timed` means that errors of clocks were estimated.
     """
     _warn_of_sides(found)
+    if _contradicts_first(found["outlier"], values):
+        warnings.warn(_FIRST, UserWarning, stacklevel=3)
+        return
     _warn_if_few_agree(found["outlier"], values, timed=timed)
+
+
+def _contradicts_first(outlier: BoolArray, values: FloatArray) -> bool:
+    """Whether all range differences of most instants are outliers, by the first station."""
+    at = KINDS.index("range_difference")
+    measured = np.isfinite(values[:, at])
+    several = np.count_nonzero(measured, axis=-1) > 1
+    wrong = np.all(outlier[:, at] | ~measured, axis=-1)
+    return bool(np.count_nonzero(wrong & several) > _MOST * max(np.count_nonzero(several), 1))
 
 
 def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:

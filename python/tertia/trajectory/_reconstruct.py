@@ -223,8 +223,11 @@ def reconstruct(
     to be as large as the errors that are estimated from inconsistencies, or as the part of the
     stated variance that appears neither as scatter nor as inconsistencies. If no systematic error
     is found, nothing is subtracted, but the covariance includes the systematic error that cannot be
-    excluded. For range differences, the systematic errors are those of the receivers. The larger
-    the systematic errors, the wider are the limits beyond which a measurement is a fault.
+    excluded. The larger the systematic errors, the wider are the limits beyond which a measurement
+    is a fault.
+
+    **Range differences** are arrivals, with 0 for the first station, which is then one like any
+    other. A range difference is an outlier if either of its stations is wrong.
 
     The time of emission of each instant is an additional unknown, without a prior. Arrivals are
     therefore used relative to their common part, which is the weighted median of the arrivals that

@@ -16,6 +16,7 @@ mod clocks;
 mod contradictions;
 mod crossings;
 mod damping;
+mod differences;
 mod failure;
 mod fixes;
 mod found;
@@ -53,6 +54,7 @@ pub use temporal::temporal_first;
 use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use bias::Biases;
+use differences::Received;
 use found::{Found, Setting};
 use images::Side;
 use lasting::Lasting;
@@ -85,7 +87,33 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let Some(thinned) = Thinned::of::<D>(record, systematic) else {
+    let Some(thinned) = Thinned::without_repeats(record) else {
+        return as_arrivals::<D, N>(record, jerk, systematic);
+    };
+    let found = as_arrivals::<D, N>(&thinned.record(record), jerk, systematic)?;
+    Ok(thinned.restored::<D, N>(record, found))
+}
+
+/// Reconstructs a path from arrivals instead of range differences.
+fn as_arrivals<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    jerk: Option<f64>,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
+    let Some(received) = Received::of(record, systematic) else {
+        return without_wrong::<D, N>(record, jerk, systematic);
+    };
+    let found = without_wrong::<D, N>(&received.record(record), jerk, &received.systematic)?;
+    Ok(received.restored(record, found))
+}
+
+/// Reconstructs a path without columns that are wrong throughout.
+fn without_wrong<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    jerk: Option<f64>,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
+    let Some(thinned) = Thinned::without_wrong::<D>(record, systematic) else {
         return sought::<D, N>(record, jerk, systematic);
     };
     let found = sought::<D, N>(&thinned.record(record), jerk, systematic)?;

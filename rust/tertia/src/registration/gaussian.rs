@@ -48,8 +48,9 @@ impl Gaussian {
             sums[kind][0] += self.mean[i] * self.mean[i];
             sums[kind][1] += 1.0 - self.covariance[(i, i)];
         }
-        // after a sudden change variances exceed those of the prior anyway
-        if (0..order).any(|i| self.covariance[(i, i)] > 1.0 + ROUNDING) {
+        // after a sudden change some combination of errors is less certain than the prior says anyway
+        let certain = DMatrix::from_diagonal_element(order, order, 1.0 + ROUNDING);
+        if (certain - &self.covariance).cholesky().is_none() {
             return self.covariance.clone();
         }
         // (P⁻¹ − D)⁻¹, where D is the decrease of the information of the prior
@@ -120,6 +121,16 @@ mod tests {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
         assert!(found[(0, 0)] > large.covariance[(0, 0)]);
+    }
+
+    #[test]
+    fn a_sum_of_errors_less_certain_than_the_prior_is_not_relaxed() {
+        let errors = Gaussian {
+            mean: DVector::from_row_slice(&[3.0, 3.0]),
+            covariance: DMatrix::from_row_slice(2, 2, &[0.9, 0.8, 0.8, 0.9]),
+            ..Gaussian::new(vec![0.0; 2])
+        };
+        assert_eq!(errors.relaxed(&[0, 0]), errors.covariance);
     }
 
     #[test]

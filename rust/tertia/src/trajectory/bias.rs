@@ -264,7 +264,7 @@ fn covariance<const D: usize>(
     let factor = if record.robust { TAPERED } else { 1.0 };
     let variance = |column: usize| {
         let found = squares[column] / shares[column].max(f64::MIN_POSITIVE);
-        (record.own_sigma(column).powi(2) * factor).max(found)
+        (record.sigmas[column].powi(2) * factor).max(found)
     };
     let mut noise = DMatrix::zeros(p, p);
     let mut parts = vec![Vec::with_capacity(instants.len()); p];

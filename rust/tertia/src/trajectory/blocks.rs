@@ -40,7 +40,7 @@ pub(super) fn together<const D: usize, const N: usize>(
     let n = record.len() as f64;
     let each = (0..record.len()).map(|t| measured.comparable(t)).sum::<usize>() as f64 / n;
     let in_turn = is_in_turn(measured, record.len());
-    if (each >= D as f64 && !in_turn) || record.common_variance() > 0.0 {
+    if each >= D as f64 && !in_turn {
         return 1;
     }
     let wished = (2.0 * D as f64 + 2.0) / each;

@@ -100,10 +100,10 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Some((factor.inverse(), factor.solve(&right.map(|v| unit * v))))
     }
 
-    /// Half the weighted sum of the squared residuals of an instant at a position, less what the emission and
-    /// the error that range differences share explain.
+    /// Half the weighted sum of the squared residuals of an instant at a position, less what the emission
+    /// explains.
     fn cost(&self, record: &Record<'_>, t: usize, position: &Vector<D>) -> f64 {
-        let (width, common) = (record.width(), record.common_variance());
+        let width = record.width();
         let rows = || {
             self.measured.rows(t, Place::at(position)).map(|(m, row)| {
                 let weight = self.trust[t * width + self.measured.column[m]];
@@ -117,22 +117,15 @@ impl<const D: usize, const N: usize> Found<D, N> {
             mean += weight * one.precision * residual;
         }
         mean /= total;
-        let (mut sum, mut corner, mut rest) = (0.0, 1.0, 0.0);
+        let mut sum = 0.0;
         for (one, weight, mut residual) in rows().filter(|(_, weight, _)| *weight > 0.0) {
             match one.kind {
                 Kind::Arrival if count < 2 => continue,
                 Kind::Arrival => residual -= mean * one.precision,
-                Kind::RangeDifference if common > 0.0 => {
-                    let own = (one.precision.powi(-2) - common).sqrt();
-                    residual /= own * one.precision;
-                    let share = weight * common.sqrt() / own;
-                    corner += share * common.sqrt() / own;
-                    rest += share * residual;
-                }
                 _ => {}
             }
             sum += weight * residual * residual;
         }
-        0.5 * (sum - rest * rest / corner)
+        0.5 * sum
     }
 }

@@ -10,7 +10,7 @@ use super::measured::{Measured, Place, Record};
 use super::mirror::{Mirror, Sides};
 use super::path::{Path, Plots, Smoother};
 use crate::base::small::{Factor, Matrix, Vector, dot};
-use crate::sensors::{Kind, Row};
+use crate::sensors::Row;
 use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
 use std::rc::Rc;
@@ -254,10 +254,6 @@ impl<const D: usize, const N: usize> Found<D, N> {
     fn summed(&self, record: &Record<'_>, t: usize, place: Place<D>) -> (Matrix<D>, Vector<D>) {
         let width = record.width();
         let (mut normal, mut right) = ([[0.0; D]; D], [0.0; D]);
-        let common = record.common_variance();
-        // the error that range differences share is an additional unknown: its column, row and right-hand
-        // side
-        let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
         let emission = self.measured.emission(t, place, trust);
         for (m, row) in self.measured.rows(t, place) {
@@ -266,29 +262,12 @@ impl<const D: usize, const N: usize> Found<D, N> {
                 continue;
             }
             let one = self.measured.one(m);
-            let Some(mut row) = emission.removed_from(one, row) else { continue };
-            if one.kind == Kind::RangeDifference && common > 0.0 {
-                let own = (one.precision.powi(-2) - common).sqrt();
-                row = row.scaled(1.0 / (own * one.precision));
-                // in standard deviations
-                let share = weight * common.sqrt() / own;
-                corner += share * common.sqrt() / own;
-                rest += share * row.residual;
-                for i in 0..D {
-                    column[i] += share * row.gradient[i];
-                }
-            }
+            let Some(row) = emission.removed_from(one, row) else { continue };
             for i in 0..D {
                 right[i] += weight * row.gradient[i] * row.residual;
                 for j in 0..D {
                     normal[i][j] += weight * row.gradient[i] * row.gradient[j];
                 }
-            }
-        }
-        for i in 0..D {
-            right[i] -= column[i] * rest / corner;
-            for j in 0..D {
-                normal[i][j] -= column[i] * column[j] / corner;
             }
         }
         (normal, right)

@@ -160,7 +160,7 @@ impl<'a> Grid<'a> {
         };
         let sigma = |c: &usize| {
             let given = prior.sigma[*c];
-            if given.is_nan() { record.own_sigma(*c) } else { given }
+            if given.is_nan() { record.sigmas[*c] } else { given }
         };
         let span = record.time[record.len() - 1] - record.time[0];
         let step = span / blocks.time.len() as f64;

@@ -156,9 +156,8 @@ fn effect<const D: usize>(row: &Single<D>, column: usize, width: usize) -> f64 {
 /// Rows that have an unknown in common, and the sum of their weights.
 type Group = (Range<usize>, f64);
 
-/// Returns the measurements of an instant, and which of them have an unknown in common. This unknown is
-/// eliminated by subtracting means; a single arrival gives no information and is left out. Range differences
-/// get a row for their first receiver, whose error they share; arrivals share the emission.
+/// Returns the measurements of an instant, and which of them have an unknown in common: arrivals share the
+/// emission. It is eliminated by subtracting means; a single arrival gives no information and is left out.
 fn rows_of<const D: usize>(
     measured: &Measured<D>,
     Seen { t, place, velocity }: Seen<D>,
@@ -168,35 +167,22 @@ fn rows_of<const D: usize>(
     for (m, row) in measured.rows(t, place) {
         if weight[m] > 0.0 {
             let sigma = 1.0 / measured.precision(m);
-            let shared = match measured.one(m).kind {
-                Kind::RangeDifference => measured.common / (sigma * sigma),
-                _ => 0.0,
-            };
             let gradient = row.gradient.map(|v| v * sigma);
-            let own = weight[m] / (1.0 - shared);
             // heights are those of the instant, whatever the clocks of the stations
             let late = match measured.one(m).kind {
                 Kind::Height => 0.0,
                 _ => -dot(&gradient, &velocity),
             };
-            rows.push((measured.column[m], own, row.residual * sigma, gradient, late));
+            rows.push((measured.column[m], weight[m], row.residual * sigma, gradient, late));
         }
     }
     let mut groups = Vec::new();
-    if measured.common == 0.0 && !measured.is_timed {
+    if !measured.is_timed {
         return (rows, groups);
     }
-    // rows of one kind together
+    // arrivals together
     rows.sort_by_key(|(column, ..)| *column);
-    let differences = of_kind(&rows, measured, Kind::RangeDifference);
-    if measured.common > 0.0 && !differences.is_empty() {
-        rows.insert(
-            differences.end,
-            (measured.reference, 1.0 / measured.common, 0.0, [0.0; D], 0.0),
-        );
-        groups.push(centred(&mut rows, differences.start..differences.end + 1));
-    }
-    let arrivals = of_kind(&rows, measured, Kind::Arrival);
+    let arrivals = arrivals_of(&rows, measured);
     if arrivals.len() > 1 {
         groups.push(centred(&mut rows, arrivals));
     } else {
@@ -205,11 +191,11 @@ fn rows_of<const D: usize>(
     (rows, groups)
 }
 
-/// Range of the rows of a kind, among rows in the order of their columns.
-fn of_kind<const D: usize>(rows: &[Single<D>], measured: &Measured<D>, kind: Kind) -> Range<usize> {
+/// Range of the arrivals, among rows in the order of their columns.
+fn arrivals_of<const D: usize>(rows: &[Single<D>], measured: &Measured<D>) -> Range<usize> {
     let k = measured.receivers();
     let before = |end: usize| rows.partition_point(|(column, ..)| *column < end * k);
-    before(kind as usize)..before(kind as usize + 1)
+    before(Kind::Arrival as usize)..before(Kind::Arrival as usize + 1)
 }
 
 /// Subtracts the mean of some rows from each.

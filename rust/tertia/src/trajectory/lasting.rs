@@ -139,7 +139,7 @@ impl Lasting {
         let times_of_memory = lasting(record, memory);
         let stated = |column: &usize| {
             let given = prior.sigma[*column];
-            if given.is_nan() { record.own_sigma(*column) } else { given }
+            if given.is_nan() { record.sigmas[*column] } else { given }
         };
         let sigmas: Vec<f64> = columns.iter().map(stated).collect();
         let grid = Grid::new(record, blocks, prior, columns);
@@ -238,7 +238,7 @@ impl Lasting {
             }
             let scatter = squares[kind] / shares[kind] / expected;
             let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
-            let variance = |i: &usize| record.own_sigma(self.columns[*i]).powi(2);
+            let variance = |i: &usize| record.sigmas[self.columns[*i]].powi(2);
             // the error of a column that is singled out is not shared by all stations
             let contradicted = |i: &usize| {
                 let squares = self.values[*i].powi(2) + self.drift[*i];
@@ -259,7 +259,7 @@ impl Lasting {
         self.values.fill(0.0);
         let own = |i: usize| {
             let variance = self.constant[(i, i)] + self.smooth[i];
-            variance / record.own_sigma(self.columns[i]).powi(2)
+            variance / record.sigmas[self.columns[i]].powi(2)
         };
         let most = (0..self.columns.len()).map(own).fold(0.0, f64::max);
         if most * self.memory < NEGLIGIBLE {
@@ -291,14 +291,10 @@ impl Lasting {
 
     /// Returns the measurements less the estimated errors, except those of clocks; nan outside their domain.
     pub fn removed_from(&self, record: &Record<'_>) -> Vec<f64> {
-        let (width, reference) = (record.width(), record.reference());
+        let width = record.width();
         let mut removed = record.values.to_vec();
-        let first = self.columns.iter().position(|column| *column == reference);
-        let first = first.map_or(0.0, |at| self.values[at]);
         let values = self.columns.iter().zip(&self.values);
         for (column, value) in values.filter(|(column, _)| **column < width) {
-            let is_difference = record.kind_of(*column) == record.kind_of(reference);
-            let value = if is_difference { value - first } else { *value };
             for row in removed.chunks_exact_mut(width) {
                 row[*column] = in_domain(*column, width, row[*column] - value);
             }
@@ -444,10 +440,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     let begun = clocks_of(&found, &columns, width);
     let together = together(setting.record, &found);
     let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &begun, together);
-    // the first receiver of range differences has no measurements of its own that could be left out
-    let is_distrusted =
-        |at: &usize| lasting.alone[*at] >= DISTRUSTED && !setting.record.is_reference(columns[*at]);
-    if let Some(at) = (0..columns.len()).find(is_distrusted) {
+    if let Some(at) = (0..columns.len()).find(|at| lasting.alone[*at] >= DISTRUSTED) {
         let left_out = (columns[at], lasting.values[at], lasting.sigma(at));
         let (found, rest) = without(setting, found, prior, columns[at])?;
         let rest = rest.map(|mut rest| {

@@ -76,38 +76,8 @@ impl<'a> Record<'a> {
         self.time.len()
     }
 
-    /// Variance of the error that all range differences of an instant have in common.
-    pub(super) fn common_variance(&self) -> f64 {
-        let k = self.receivers();
-        let differences = &self.sigmas[Kind::RangeDifference as usize * k..][..k];
-        let least = differences.iter().copied().fold(f64::NAN, f64::min);
-        if least.is_nan() { 0.0 } else { self.correlation * least * least }
-    }
-
-    /// Standard deviation of a column. For range differences it is that of the receiver's own error, and for
-    /// the reference column that of the first receiver, if range differences share the error of the first
-    /// receiver.
-    pub(super) fn own_sigma(&self, column: usize) -> f64 {
-        let (sigma, common) = (self.sigmas[column], self.common_variance());
-        match column {
-            _ if common == 0.0 || self.kind_of(column) != Kind::RangeDifference as usize => sigma,
-            _ if column == self.reference() => common.sqrt(),
-            _ => (sigma * sigma - common).sqrt(),
-        }
-    }
-
     pub(super) fn kind_of(&self, column: usize) -> usize {
         column / self.receivers()
-    }
-
-    /// Column of the first receiver, which has no range differences of its own.
-    pub(super) fn reference(&self) -> usize {
-        Kind::RangeDifference as usize * self.receivers()
-    }
-
-    /// Whether a column stands for the error of the first receiver.
-    pub(super) fn is_reference(&self, column: usize) -> bool {
-        column == self.reference() && self.common_variance() > 0.0
     }
 
     /// Standard deviations of the columns of an instant.
@@ -160,10 +130,6 @@ pub(super) struct Measured<const D: usize> {
     origins: Vec<Vector<D>>,
     /// Number of columns.
     pub width: usize,
-    /// Variance of the error of the first receiver, which range differences share, and the column of this
-    /// receiver.
-    pub common: f64,
-    pub reference: usize,
     /// Whether there are arrivals.
     pub is_timed: bool,
 }
@@ -237,9 +203,8 @@ impl<const D: usize> Measured<D> {
             first.push(list.len());
             origins.push(std::array::from_fn(|i| stations[i]));
         }
-        let (common, reference) = (record.common_variance(), record.reference());
         let (width, is_timed) = (record.width(), list.iter().any(|one| one.kind == Kind::Arrival));
-        Self { values, list, column, first, origins, width, common, reference, is_timed }
+        Self { values, list, column, first, origins, width, is_timed }
     }
 
     /// Range of the indices of the measurements of an instant.
@@ -249,7 +214,7 @@ impl<const D: usize> Measured<D> {
 
     /// Number of stations.
     pub fn receivers(&self) -> usize {
-        self.reference / Kind::RangeDifference as usize
+        self.width / KINDS
     }
 
     /// Number of all measurements.

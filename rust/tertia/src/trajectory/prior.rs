@@ -35,12 +35,9 @@ impl Prior {
     pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
         let width = record.width();
         let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
-        let reference = record.reference();
-        let differences = record.common_variance() > 0.0
-            && (reference..reference + width / KINDS).any(|at| seen(&at));
         (0..width)
             .filter(|at| self.sigma[*at] != 0.0)
-            .filter(|at| seen(at) || (differences && *at == reference))
+            .filter(seen)
             .chain(self.clocks(record))
             .collect()
     }

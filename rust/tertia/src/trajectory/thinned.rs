@@ -57,19 +57,28 @@ pub(super) struct Thinned {
 }
 
 impl Thinned {
-    /// Leaves measurements out; none if all of them may tell something.
-    pub fn of<const D: usize>(record: &Record<'_>, systematic: &Systematic) -> Option<Self> {
+    /// Leaves out measurements that repeat the one before; none if there are none.
+    pub fn without_repeats(record: &Record<'_>) -> Option<Self> {
+        let mut values = record.values.to_vec();
+        let any = record.robust && leave_out_repeated(record, &mut values);
+        any.then_some(Self { values, wrong: Vec::new() })
+    }
+
+    /// Leaves out columns that are wrong throughout; none if there are none.
+    pub fn without_wrong<const D: usize>(
+        record: &Record<'_>,
+        systematic: &Systematic,
+    ) -> Option<Self> {
         if !record.robust {
             return None;
         }
+        let wrong = wrong_throughout::<D>(record, systematic);
         let mut values = record.values.to_vec();
-        let repeats = leave_out_repeated(record, &mut values);
-        let wrong = wrong_throughout::<D>(&Record { values: &values, ..*record }, systematic);
         for column in &wrong {
             let own = values.iter_mut().skip(*column).step_by(record.width());
             own.for_each(|value| *value = f64::NAN);
         }
-        (repeats || !wrong.is_empty()).then_some(Self { values, wrong })
+        (!wrong.is_empty()).then_some(Self { values, wrong })
     }
 
     /// Returns the record without these measurements.

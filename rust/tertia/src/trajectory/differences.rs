@@ -1,0 +1,112 @@
+//! Range differences as arrivals at the receivers.
+//!
+//! The error that all range differences of an instant have in common is that of the first receiver. If its
+//! arrival is the origin of time, the range differences are the arrivals at the other receivers. The errors of
+//! these arrivals are independent, and the first receiver is one like any other, which is found if it is wrong.
+
+use super::lasting::LastingErrors;
+use super::measured::{Record, seen};
+use super::prior::Systematic;
+use super::result::Trajectory;
+use crate::sensors::Kind;
+
+/// A record with arrivals instead of range differences.
+pub(super) struct Received {
+    values: Vec<f64>,
+    sigmas: Vec<f64>,
+    own_sigmas: Option<Vec<f64>>,
+    pub systematic: Systematic,
+}
+
+impl Received {
+    /// Converts range differences; none if there are none that have an error in common.
+    pub fn of(record: &Record<'_>, systematic: &Systematic) -> Option<Self> {
+        let [differences, arrivals] = columns(record.receivers());
+        let measured = seen(record, &[Kind::RangeDifference as usize]);
+        let least = measured.iter().map(|at| record.sigmas[*at]).reduce(f64::min)?;
+        let (common, width) = (record.correlation * least * least, record.width());
+        if common == 0.0 {
+            return None;
+        }
+        let mut values = record.values.to_vec();
+        for row in values.chunks_exact_mut(width) {
+            let is_measured = row[differences.clone()].iter().any(|value| !value.is_nan());
+            row.copy_within(differences.clone(), arrivals.start);
+            row[differences.clone()].fill(f64::NAN);
+            row[arrivals.start] = if is_measured { 0.0 } else { f64::NAN };
+        }
+        let converted = |sigmas: &[f64]| {
+            let mut rows = sigmas.to_vec();
+            for row in rows.chunks_exact_mut(width) {
+                for (own, difference) in arrivals.clone().zip(differences.clone()) {
+                    row[own] = (row[difference] * row[difference] - common).sqrt();
+                }
+                row[arrivals.start] = common.sqrt();
+                row[differences.clone()].fill(f64::NAN);
+            }
+            rows
+        };
+        let mut systematic = systematic.clone();
+        if let Systematic::Lasting(prior) = &mut systematic {
+            for numbers in [&mut prior.sigma, &mut prior.share, &mut prior.time] {
+                numbers.copy_within(differences.clone(), arrivals.start);
+            }
+        }
+        let (sigmas, own_sigmas) = (converted(record.sigmas), record.own_sigmas.map(converted));
+        Some(Self { values, sigmas, own_sigmas, systematic })
+    }
+
+    /// Returns the record with arrivals.
+    pub fn record<'a>(&'a self, record: &Record<'a>) -> Record<'a> {
+        Record {
+            values: &self.values,
+            sigmas: &self.sigmas,
+            own_sigmas: self.own_sigmas.as_deref(),
+            ..*record
+        }
+    }
+
+    /// Converts results for arrivals to those for range differences. A difference is an outlier if either of
+    /// its arrivals is one.
+    pub fn restored(&self, record: &Record<'_>, mut found: Trajectory) -> Trajectory {
+        let [differences, arrivals] = columns(record.receivers());
+        let fixes = &mut found.fixes;
+        for residual in [&mut found.residual, &mut fixes.residual] {
+            for (t, row) in residual.chunks_exact_mut(record.width()).enumerate() {
+                let (own, stated) = (self.record(record).sigmas_at(t), record.sigmas_at(t));
+                let error = |column: usize| row[column] * own[column];
+                let first = error(arrivals.start);
+                let errors: Vec<f64> =
+                    arrivals.clone().skip(1).map(|at| error(at) - first).collect();
+                for (at, error) in differences.clone().skip(1).zip(errors) {
+                    row[at] = error / stated[at];
+                }
+                row[arrivals.clone()].fill(f64::NAN);
+            }
+        }
+        for outlier in [&mut found.outlier, &mut fixes.outlier] {
+            for (row, values) in outlier
+                .chunks_exact_mut(record.width())
+                .zip(record.values.chunks_exact(record.width()))
+            {
+                let first = row[arrivals.start];
+                for (at, arrival) in differences.clone().zip(arrivals.clone()) {
+                    row[at] = !values[at].is_nan() && (first || row[arrival]);
+                }
+                row[arrivals.clone()].fill(false);
+            }
+        }
+        if let Some(LastingErrors { value, sigma, .. }) = &mut found.bias {
+            for numbers in [value, sigma] {
+                numbers.copy_within(arrivals.clone(), differences.start);
+                numbers[arrivals.clone()].fill(0.0);
+            }
+        }
+        found
+    }
+}
+
+/// Columns of the range differences and of the arrivals of K receivers.
+fn columns(k: usize) -> [std::ops::Range<usize>; 2] {
+    [Kind::RangeDifference, Kind::Arrival].map(|kind| kind as usize * k..(kind as usize + 1) * k)
+}
