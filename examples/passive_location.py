@@ -56,7 +56,7 @@ class Area:
     loss: FloatArray
 
 
-def area(cell_km: float = 2.0, south_km: float = -HEIGHT_KM / 2) -> Area:
+def area(cell_km: float = 2.0, south_km: float = -HEIGHT_KM / 2, trials: int = TRIALS) -> Area:
     """Compute an area that is centred from west to east; no centre may lie between the sites."""
     east = np.arange(-WIDTH_KM / 2 + cell_km / 2, WIDTH_KM / 2, cell_km)
     north = np.arange(south_km + cell_km / 2, south_km + HEIGHT_KM, cell_km)
@@ -69,7 +69,7 @@ def area(cell_km: float = 2.0, south_km: float = -HEIGHT_KM / 2) -> Area:
     s = location.covariances
     variances = np.diagonal(weights.weight_covariance(s, MEASUREMENTS), axis1=-2, axis2=-1)
     first_order = weights.fusion_loss(s, MEASUREMENTS, method="first-order").loss
-    simulated = weights.fusion_loss(s, MEASUREMENTS, method="monte-carlo", trials=TRIALS).loss
+    simulated = weights.fusion_loss(s, MEASUREMENTS, method="monte-carlo", trials=trials).loss
     return Area(
         east,
         north,

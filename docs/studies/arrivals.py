@@ -13,7 +13,9 @@ from tertia.sensors import Bias, Station
 from tertia.trajectory import Arrivals, ArrivalTrajectory, reconstruct_arrivals
 
 RUNS = repetitions(20)
-HONEST_RUNS = repetitions(8)
+HONEST_RUNS = repetitions(8, 1)
+# emissions of a tag
+SOME, MORE, MANY = repetitions(80, 40), repetitions(120, 60), repetitions(150, 60)
 # 95 % of a chi-square of two degrees of freedom
 LIMIT = 5.991
 # of the recording: standard deviations of the boat's GPS in metres, and by how much it is late
@@ -37,7 +39,7 @@ class Net:
     rate: float = 2e-5
     drift: float = 1e-9
     tags: int = 1
-    emissions: int = 80
+    emissions: int = SOME
     interval: float = 30.0
     tag_speed: float = 1.0
     is_straight: bool = False
@@ -52,20 +54,20 @@ NETS: dict[str, Net] = {
     "5 hydrophones, 2 tags": Net(receivers=5, tags=2),
     "8 hydrophones, 3 beacons at other known positions": Net(at_places=True),
     "10 hydrophones, 2 tags, no beacon": Net(
-        receivers=10, tags=2, beacons=0, emissions=150, tag_speed=1.5, speed_sigma=3.0
+        receivers=10, tags=2, beacons=0, emissions=MANY, tag_speed=1.5, speed_sigma=3.0
     ),
     "8 hydrophones, clock drift ten times as large": Net(drift=1e-8),
     "8 hydrophones, straight path, emissions every 3 s on average": Net(
-        is_straight=True, interval=3.0, emissions=150
+        is_straight=True, interval=3.0, emissions=MANY
     ),
     "radio, 6 receivers over 30 km, 3 aircraft": Net(
         receivers=6, extent=30e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.5, path=0.0,
-        noise=5e-8, offset=1e-3, rate=1e-9, drift=1e-12, tags=3, emissions=120, interval=1.0,
+        noise=5e-8, offset=1e-3, rate=1e-9, drift=1e-12, tags=3, emissions=MORE, interval=1.0,
         tag_speed=150.0, is_straight=True, beacons=2, at_places=True,
     ),
     "radio, 8 receivers over 12 km, a bird that turns at random": Net(
         extent=12e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.0, path=0.0, noise=3e-8,
-        offset=1e-3, rate=3e-7, drift=1e-12, emissions=150, interval=5.0, tag_speed=12.0,
+        offset=1e-3, rate=3e-7, drift=1e-12, emissions=MANY, interval=5.0, tag_speed=12.0,
         turning=0.05, beacons=1,
     ),
 }  # fmt: skip

@@ -157,7 +157,7 @@ def errors(plot_of_track: IntArray, drawn: Scenes) -> float:
 
 def updates() -> str:
     """Compare figures of surveillance with their expectation for independent misses."""
-    period, targets, scans = 4.0, 100, 400
+    period, targets, scans = 4.0, 100, repetitions(400, 100)
     rows = []
     for at, probability in enumerate((0.90, 0.95, 0.97, 0.99)):
         rng = generator(52, at)

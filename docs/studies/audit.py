@@ -98,7 +98,9 @@ def other_errors() -> str:
     }
     rows = []
     for k, (name, draw) in enumerate(kinds.items()):
-        long = np.concatenate([draw(20_000, generator(91, k, part)) for part in range(30)])
+        long = np.concatenate(
+            [draw(20_000, generator(91, k, part)) for part in range(repetitions(30))]
+        )
         squares = np.sum(long**2, axis=-1)
         quantile = -2 * np.log(0.05)
         true = (

@@ -12,7 +12,8 @@ from studies.pages import markdown, repetitions
 from tertia import report, simulate
 from tertia.sensors import Bias, Radar
 
-SCENES, DURATION = repetitions(3, least=1), float(repetitions(900, 400))
+SCENES, AIRCRAFT = repetitions(3, least=1), repetitions(25, 12)
+DURATION = float(repetitions(900, 250))
 PLACES = ((0.0, 0.0), (60e3, -30e3), (-20e3, 70e3))
 # faults: their texts in findings, systematic errors, or factors of the noise
 FAULTS: dict[str, tuple[str, dict[str, float]]] = {
@@ -39,7 +40,7 @@ def findings(rng: np.random.Generator, faulty: int, fault: dict[str, float]) -> 
             real[faulty] = replace(real[faulty], **scaled)
         else:
             errors[name] = np.where(np.arange(len(real)) == faulty, value, 0.0)
-    traffic = simulate.dense_traffic(25, area=(150e3, 150e3), duration=DURATION, rng=rng)
+    traffic = simulate.dense_traffic(AIRCRAFT, area=(150e3, 150e3), duration=DURATION, rng=rng)
     seen = simulate.radar_plots(traffic, real, clutter=10, bias=Bias(**errors), rng=rng)
     stated: list[str] = report.make(seen.plots, RADARS).summary["findings"]
     # what the errors would cost names no fault

@@ -91,7 +91,7 @@ def recording() -> Recording:
         return np.array(each)
 
     instants = np.arange(SETTLED, np.max(table[:, 0]), STEP)
-    return Recording(plots, truth, instants[: repetitions(len(instants), 30)])
+    return Recording(plots, truth, instants[: repetitions(len(instants), 15)])
 
 
 def _measured(measured: Any, is_position: bool) -> Iterator[list[float]]:
@@ -168,7 +168,7 @@ def stone_soup(one: Recording, kind: str, density: float, patient: bool) -> list
         made = ss["MultiTargetMixtureTracker"](
             data_associator=ss["JPDA"](likely), detector=None, **tracker
         )
-    made.detector = list(_detections(one.plots, ss))
+    made.detector = list(_detections(one.plots, one.instants[-1], ss))
     shown, current, steps = [], set(), iter(made)
     pending = next(steps, None)
     for instant in one.instants:
@@ -186,12 +186,14 @@ def stone_soup(one: Recording, kind: str, density: float, patient: bool) -> list
     return shown
 
 
-def _detections(plots: Plots, ss: dict[str, Any]) -> Iterator[tuple[datetime, set[Any]]]:
-    """Yield the detections of lidar and radar, those of one instant together."""
+def _detections(
+    plots: Plots, end: float, ss: dict[str, Any]
+) -> Iterator[tuple[datetime, set[Any]]]:
+    """Yield the detections of lidar and radar until the end, those of one instant together."""
     position, covariance = plots.position, plots.covariance
     assert position is not None
     assert covariance is not None
-    own = np.flatnonzero(plots.sensor < len(INTERVALS))
+    own = np.flatnonzero((plots.sensor < len(INTERVALS)) & (plots.time <= end))
     for at in np.unique(plots.time[own]):
         when = START + timedelta(seconds=float(at))
         found = set()

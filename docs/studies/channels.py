@@ -13,7 +13,7 @@ from tertia._arrays import FloatArray
 from tertia.sensors import Channel
 from tertia.tracker import Plots, Radar, TrackTable, track
 
-RUNS = repetitions(10)
+RUNS = repetitions(10, 1)
 SEED = 8100
 AIRCRAFT, END, REACH = 30, 600.0, 150e3
 # of echoes and of replies

@@ -10,7 +10,7 @@ from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
-RUNS = repetitions(40)
+RUNS = repetitions(40, 1)
 TIMES = np.arange(60.0)
 SIGMA, RADIUS = 0.1, 10.0
 COUNTS = (4, 5, 6, 8)

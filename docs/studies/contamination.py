@@ -85,7 +85,7 @@ def contamination() -> str:
     rmse: dict[str, list[float]] = {name: [] for name in _NAMES}
     for burst in (False, True):
         for n, full in SIZES.items():
-            count = repetitions(full, 10)
+            count = repetitions(full, 2)
             found: dict[float, list[tuple[float, float, float]]] = {e: [] for e in SHARES}
             for number, cell in enumerate(_cells()):
                 y = contaminated(generator(24, n, number, int(burst)), n, count, cell, burst)
@@ -182,7 +182,7 @@ def slow() -> str:
             cells = []
             for n, full in sizes.items():
                 rng = generator(37, number, n, int(bad))
-                y, level = _slow(rng, kind, repetitions(full, 20), n)
+                y, level = _slow(rng, kind, repetitions(full, 8), n)
                 if bad:
                     y += np.where(rng.uniform(size=y.shape) < 0.15, 6.0, 0.0)
                 found = estimate_bearing(y, period=None)

@@ -12,7 +12,7 @@ from tertia.metrics import nees
 from tertia.tracker import Tracker, TrackTable, track
 
 SCENES = repetitions(20, 1)
-DURATION = 300.0
+DURATION = float(repetitions(300, 180))
 # seconds after which tracks are compared with the truth
 SETTLED = 100.0
 # of a region of two dimensions with a probability of 95 %
@@ -83,7 +83,7 @@ def delays() -> str:
         cells = []
         for delay in DELAYS:
             found = []
-            for seed in range(max(2, round(SCENES * 20 / targets))):
+            for seed in range(max(1, round(SCENES * 20 / targets))):
                 one = scene(seed, radars, targets, turning, delay)
                 tables = live(one, radars) if is_live else whole(one, radars)
                 found.append(compared(one, tables))

@@ -158,7 +158,7 @@ def passing() -> str:
         for before in (120.0, 300.0):
             rng = generator(51, int(wind))
             errors: list[tuple[float, float, float]] = []
-            for one, flown, times, distances, speeds in flights(60, rng, wind):
+            for one, flown, times, distances, speeds in flights(repetitions(60, 10), rng, wind):
                 position, velocity, covariances = tracked(flown, distances, speeds, rng)
                 found = estimate_times_over(one, times, position, velocity, covariance=covariances)
                 follows = conformance(one, times, position, velocity, covariance=covariances)

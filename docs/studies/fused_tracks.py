@@ -19,7 +19,8 @@ from tertia.tracker import Plots, Tracker, track
 SEED = 2027
 # of each kind, and of those with few aircraft
 SCENES, MANY = 1, repetitions(12, 1)
-FLIGHTS, LENGTH, STEP, WARM = repetitions(14, 4), 420.0, 0.1, 90.0
+FLIGHTS, LENGTH = repetitions(14, 3), float(repetitions(420, 180))
+STEP, WARM = 0.1, 90.0
 COUNTS, FEW = (2, 3, 4), (1, 2, 5, 14)
 DETECTION = 0.95
 # the 95 % region of two components, and the distance from which on it is another target
@@ -100,7 +101,7 @@ def sensors(count: int, bias: Bias | None = None) -> list[Radar]:
     ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Seen:
     """Plots of one radar, flight by flight in order of time, with and without systematic errors."""
 
@@ -160,10 +161,11 @@ Step = Callable[
 ]
 
 
-def filtered(
-    plots: Seen, radar: Radar, sensor: int, step: Step, scale: float | None = 1.0
-) -> SensorTracks:
-    """Return tracks of a filter that runs along each flight, their covariances times `scale`."""
+@cache
+def states_of(
+    plots: Seen, radar: Radar, step: Step
+) -> tuple[list[int], list[FloatArray], list[FloatArray]]:
+    """Return rows, states and covariances of a filter that runs along each flight."""
     rows: list[int] = []
     states, covariances = [], []
     position = plots.position
@@ -181,6 +183,14 @@ def filtered(
             rows.append(int(i))
             states.append(x)
             covariances.append(p)
+    return rows, states, covariances
+
+
+def filtered(
+    plots: Seen, radar: Radar, sensor: int, step: Step, scale: float | None = 1.0
+) -> SensorTracks:
+    """Return tracks of a filter, their covariances times `scale`."""
+    rows, states, covariances = states_of(plots, radar, step)
     state = np.array(states)
     return SensorTracks(
         plots.time[rows],
@@ -200,8 +210,9 @@ def ahead(t: float, density: float) -> tuple[FloatArray, FloatArray]:
     return f, density * q
 
 
-def kalman(scale: float = 1.0, density: float = DENSITY) -> Source:
-    """Return a source with filters of nearly constant velocity, their covariances times `scale`."""
+@cache
+def nearly_constant(density: float) -> Step:
+    """Return the step of a Kalman filter of nearly constant velocity."""
 
     def step(
         x: FloatArray, p: FloatArray, t: float, z: FloatArray, r: FloatArray
@@ -211,6 +222,12 @@ def kalman(scale: float = 1.0, density: float = DENSITY) -> Source:
         gain = np.linalg.solve(p[:2, :2] + r, p[:2]).T
         return x + gain @ (z - x[:2]), p - gain @ p[:2]
 
+    return step
+
+
+def kalman(scale: float = 1.0, density: float = DENSITY) -> Source:
+    """Return a source with filters of nearly constant velocity, their covariances times `scale`."""
+    step = nearly_constant(density)
     return lambda plots, radar, sensor: filtered(plots, radar, sensor, step, scale)
 
 

@@ -27,7 +27,7 @@ HEIGHTS = (5e3, 11e3)
 # the radars see aircraft within this distance of the middle of all three
 WITHIN = 200e3
 ROUNDING = 1e-6
-SCENES = repetitions(20)
+SCENES = repetitions(20, 1)
 # seconds until tracks have settled; of chi-squared of two degrees of freedom
 SETTLED, INSIDE = 120.0, 5.991464547107979
 FORMS = {"flat": True, "system plane": False}

@@ -161,7 +161,7 @@ def initiation() -> str:
 def false_tracks() -> str:
     """Return how many tracks of false plots alone are confirmed in a thousand scans."""
     rows = []
-    scans = 200
+    scans = repetitions(200, 80)
     for routed in (False, True):
         for false_plots, full in ((20, 6), (100, 4)):
             count, runs = np.zeros(2, dtype=int), repetitions(full, 1)

@@ -56,7 +56,7 @@ def table() -> str:
             cells, said = [], set()
             for stated in STATED:
                 shares = []
-                for run in range(repetitions(RUNS)):
+                for run in range(repetitions(RUNS, 1)):
                     recording = draw(generator(4711, at, run))
                     if called == KNOWN and recording.known is None:
                         break

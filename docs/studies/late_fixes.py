@@ -8,7 +8,7 @@ from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location import locate
 
-RUNS, INSTANTS, SIGMA = repetitions(4), repetitions(200, 50), 0.1
+RUNS, INSTANTS, SIGMA = repetitions(4, 1), repetitions(200, 25), 0.1
 # shares of late ranges, and means of their exponential delays in metres
 LATE = ((0.0, 1.0), (0.1, 1.0), (0.2, 3.0), (0.4, 1.0), (0.4, 5.0))
 COUNTS = (5, 6, 8, 10)

@@ -9,7 +9,7 @@ from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
-RUNS = repetitions(40)
+RUNS = repetitions(40, 1)
 SHARES = (0.0, 0.1, 0.3, 0.5)
 # means of the exponential delays, in sigmas
 DELAYS = (3.0, 20.0)

@@ -193,7 +193,7 @@ def coverage() -> str:
     """Tell how often 95 % ellipses hold the target, with errors as they are in the field."""
     sights: tuple[Kind, ...] = ("azimuth",)
     polar: tuple[Kind, ...] = ("range", "azimuth", "elevation")
-    batch, finders, radars = repetitions(100, 40), np.array(FINDERS, float), np.array(RADARS, float)
+    batch, finders, radars = repetitions(100, 25), np.array(FINDERS, float), np.array(RADARS, float)
     few, more = finders[:4], finders[[0, 2, 4, 5, 7]]
     pooled = {"pooled": True}
     free = {"azimuth_sigma": None, **pooled}

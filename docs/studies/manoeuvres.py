@@ -14,14 +14,16 @@ from tertia import metrics, simulate
 from tertia.sensors import Bias
 from tertia.tracker import Radar, track
 
-SCENES, TARGETS = repetitions(4, least=1), 30
+SCENES, TARGETS = repetitions(4, least=1), repetitions(30, 8)
 # rows of the first part of a track are left out, s
 SETTLED = 40.0
+# durations of the agile, s
+LENGTHS = [float(repetitions(full, least)) for full, least in ((600, 240), (400, 200), (240, 120))]
 # how fast and how sharply: with the noise and the scan period of an airport's radar, or a small one
 AGILE: dict[str, Scene] = {
-    "helicopters": Scene((5.0, 75.0), 2.0, 5.0, 12.0, 30.0, 600.0, 30e3, 50.0, 0.08, 4.0),
-    "fighters": Scene((150.0, 330.0), 10.0, 8.0, 12.0, 40.0, 400.0, 50e3, 50.0, 0.08, 4.0),
-    "small drones": Scene((0.0, 20.0), 2.5, 20.0, 4.0, 15.0, 240.0, 1500.0, 3.0, 0.5, 1.0),
+    "helicopters": Scene((5.0, 75.0), 2.0, 5.0, 12.0, 30.0, LENGTHS[0], 30e3, 50.0, 0.08, 4.0),
+    "fighters": Scene((150.0, 330.0), 10.0, 8.0, 12.0, 40.0, LENGTHS[1], 50e3, 50.0, 0.08, 4.0),
+    "small drones": Scene((0.0, 20.0), 2.5, 20.0, 4.0, 15.0, LENGTHS[2], 1500.0, 3.0, 0.5, 1.0),
 }
 AIRLINERS, HOLDING = "airliners on routes", "airliners in holdings"
 SETTINGS: dict[str, dict[str, Any]] = {

@@ -11,8 +11,8 @@ from studies.pages import markdown, repetitions
 from tertia.location import LIGHT, Station
 from tertia.trajectory import reconstruct
 
-RUNS = repetitions(20)
-TIMES = np.arange(80.0)
+RUNS = repetitions(20, 1)
+TIMES = np.arange(float(repetitions(80, 40)))
 SIGMA, REACH = 10.0, 4000.0
 # quantiles of chi-squared with two and three degrees of freedom
 INSIDE = {2: 5.991, 3: 7.815}

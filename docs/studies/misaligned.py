@@ -14,7 +14,7 @@ from tertia.metrics import nees
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.tracker import Plots, Tracker
 
-SCENES = repetitions(20)
+SCENES = repetitions(20, 1)
 TARGETS, DURATION = 20, 400.0
 # seconds after which errors and covariances are looked at
 SETTLED = 100.0

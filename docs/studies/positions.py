@@ -13,7 +13,7 @@ from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tracker import CvModel, Motion, Plots, track
 
 SCENES = repetitions(20, 1)
-FLIGHTS, CLUTTER = 20, 20
+FLIGHTS, CLUTTER = repetitions(20, 8), 20
 # seconds: of a scene, and of its beginning, which is left out
 DURATION, SETTLED = 240.0, 60.0
 STEP = 0.25

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import get_args
 
 import numpy as np
@@ -14,6 +14,8 @@ from tertia import metrics, simulate
 from tertia.tracker import ProfileName, Radar, track
 
 TARGETS, STEP = repetitions(40, least=4), 0.05
+# durations of two scenes, seconds
+VESSEL, DRONE = float(repetitions(1200, 500)), float(repetitions(240, 120))
 # 95 % of a chi-square of two degrees of freedom
 LIMIT = 5.991
 
@@ -39,9 +41,9 @@ class Scene:
 
 
 SCENES: dict[ProfileName, Scene] = {
-    "vessel": Scene((2.0, 12.0), 0.05, 1.5, 40.0, 180.0, 1200.0, 8000.0, 8.0, 0.25, 2.4),
+    "vessel": Scene((2.0, 12.0), 0.05, 1.5, 40.0, 180.0, VESSEL, 8000.0, 8.0, 0.25, 2.4),
     "road": Scene((0.0, 33.0), 2.5, 12.0, 5.0, 12.0, 120.0, 400.0, 0.6, 0.4, 0.5),
-    "drone": Scene((0.0, 20.0), 2.5, 30.0, 4.0, 15.0, 240.0, 1500.0, 3.0, 0.5, 1.0),
+    "drone": Scene((0.0, 20.0), 2.5, 30.0, 4.0, 15.0, DRONE, 1500.0, 3.0, 0.5, 1.0),
 }
 
 
@@ -74,6 +76,7 @@ def paths(scene: Scene, count: int, seed: int) -> FloatArray:
     return found
 
 
+@lru_cache(maxsize=1)
 def traffic(scene: Scene, count: int, seed: int) -> simulate.Traffic:
     """Return these targets as traffic without identities and heights."""
     return as_traffic(paths(scene, count, seed))

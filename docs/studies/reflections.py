@@ -12,7 +12,7 @@ from studies.pages import markdown, repetitions
 from tertia._arrays import FloatArray, IntArray
 from tertia.tracker import Plots, Radar, TrackTable, track
 
-SCENES = repetitions(10)
+SCENES = repetitions(10, 1)
 SCANS, PERIOD = 150, 4.0
 RADAR = Radar(
     range_sigma=30.0,

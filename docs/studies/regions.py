@@ -15,7 +15,7 @@ from tertia.location import Location, locate
 from tertia.sensors import Bias
 
 # the simulations of Gerber et al. (2018): stations 200 to 500 m from the target, whole degrees
-NEAR, FAR, MAX_RANGE, RECORD = 200.0, 500.0, 1000.0, 100
+NEAR, FAR, MAX_RANGE, RECORD = 200.0, 500.0, 1000.0, repetitions(100, 20)
 KAPPA = 50.0
 STATED, SPREAD = np.radians(5.0), 0.7
 CHI_SQUARE = -2 * np.log(0.05)

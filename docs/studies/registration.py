@@ -17,12 +17,12 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
 
 SEED = 31
-SCENES, RADARS, FLIGHTS, DURATION = repetitions(40), 3, 15, 600.0
+SCENES, RADARS, FLIGHTS, DURATION = repetitions(40), 3, repetitions(15, 6), 600.0
 SET_UPS: tuple[simulate.SetUpName, ...] = ("tma", "middle", "en-route")
 NOISE = ("range", "azimuth")
 ERRORS = ("range", "range_gain", "azimuth", "time")
-ALIGNED = repetitions(3)
-LIVE, AIRCRAFT = repetitions(10), 20
+ALIGNED = repetitions(3, 1)
+LIVE, AIRCRAFT = repetitions(10, 1), 20
 PERIODS = ((0.0, 60.0), (60.0, 180.0), (180.0, 300.0), (300.0, 600.0), (600.0, 900.0))
 # scans of the slowest radar before which a tracker that registers gives no rows
 FIRST_SCANS = 3.0

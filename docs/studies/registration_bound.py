@@ -17,7 +17,7 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker
 
 SEED, DURATION = 47, 600.0
-SCENES, LIVE_SCENES = repetitions(40, 1), repetitions(10)
+SCENES, LIVE_SCENES = repetitions(40, 1), repetitions(10, 1)
 # accelerations of a flight between its plots, straight on and in turns that are known, m/s2
 STRAIGHT, TURN = 0.05, 3.0
 # errors that drift as trackers assume it, by steps of so many seconds

@@ -19,7 +19,7 @@ AZIMUTHS, RANGES = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0), (0.0, 300.0, 500.0)
 # with replies, false plots a scan
 KINDS = ((True, 0.0), (False, 0.0), (False, 20.0))
 # when errors change, and how long recordings last; seconds
-CHANGE, DURATION, LONG = 150.0, 300.0, 600.0
+CHANGE, DURATION, LONG = 150.0, float(repetitions(300, 100)), float(repetitions(600, 270))
 CHANGES: tuple[tuple[str, dict[str, float]], ...] = (
     ("nothing", {}),
     ("0.2°", {"azimuth": np.radians(0.2).item()}),

@@ -10,7 +10,7 @@ from studies.pages import markdown, repetitions
 from tertia._arrays import FloatArray
 from tertia.tracker import Plots, Radar, TrackTable, track
 
-SCENES = repetitions(10)
+SCENES = repetitions(10, 1)
 SCANS, PERIOD = 360, 2.5
 RADAR = Radar(range_sigma=8.0, azimuth_sigma=np.radians(0.25), scan_period=PERIOD, max_range=9000.0)
 CLUTTER = (0, 20, 60, 200)

@@ -15,11 +15,11 @@ from tertia.sensors import Bias, Radar
 from tertia.simulate import dense_traffic, radar_plots
 
 OVERLAPS = (0.0, 30.0, 60.0, 300.0, 1200.0)
-PART, RECORDINGS = float(repetitions(1800, 1300)), repetitions(2, least=1)
+PART, RECORDINGS = float(repetitions(1800, 320)), repetitions(2, least=1)
 PARTS = repetitions(4)
 # aircraft that come together, how often some come, and how long they stay, in seconds
-FLIGHTS, EVERY, STAY = repetitions(15, 3), 300.0, 1500.0
-AREA, REACH, CLUTTER = 120e3, 120e3, 10.0
+FLIGHTS, EVERY, STAY = repetitions(15, 6), 300.0, 1500.0
+AREA, REACH, CLUTTER = 120e3, 120e3, float(repetitions(10, 2))
 ERRORS = Bias(range=(120.0, -80.0, 60.0), azimuth=np.radians((0.15, -0.1, 0.05)))
 # what four in five plots have, and whether radars have errors: with identities, with errors
 SCENES = {

@@ -131,7 +131,7 @@ def methods() -> str:
     """Three-dimensional RMSE of positions and velocities on turns."""
     rows = []
     for period in (240.0, 60.0, 30.0):
-        truth, y = turn(100, 1, int(period), period=period)
+        truth, y = turn(repetitions(100, 10), 1, int(period), period=period)
         track = smooth(y, SIGMA**2)
         estimates: dict[str, tuple[FloatArray, FloatArray | None]] = {
             "plots": (y, None),

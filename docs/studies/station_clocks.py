@@ -11,7 +11,7 @@ from tertia.location import Station
 from tertia.sensors import Bias
 from tertia.trajectory import Trajectory, reconstruct
 
-RUNS = repetitions(10)
+RUNS = repetitions(10, 1)
 # standard deviations of the errors of the clocks in seconds
 ERRORS = (0.0, 0.1, 0.5, 2.0)
 INSIDE = {2: 5.991, 3: 7.815}

@@ -23,7 +23,7 @@ SCENES = repetitions(10, 1)
 # scenes of each kind in which a centre is told more or less
 TOLD = repetitions(3, 1)
 # aircraft of each kind of scene
-ROUTES, DENSE, PAIRS = repetitions(40, 15), repetitions(150, 40), repetitions(30, 10)
+ROUTES, DENSE, PAIRS = repetitions(40, 8), repetitions(150, 20), repetitions(30, 10)
 CYCLE, WARM, ASTRAY = 5.0, 60.0, 2000.0
 METHODS = ("tracklets", "matrix", "covariance-intersection", "static", "equal", "paper")
 SHIFT = (150.0, 0.15)
@@ -193,7 +193,7 @@ class Outcome:
         self.possible += sum(n * (n - 1) // 2 for n in aircraft.values())
         self.excess += int(np.sum(picture.confirmed & ~picture.doubtful)) - len(aircraft)
         self.cycles += 1
-        shown: set[int] = set()
+        shown: dict[int, int] = {}
         # of two that show one aircraft, the one with more tracks counts
         for row in np.argsort(-np.sum(picture.members >= 0, axis=1), kind="stable").tolist():
             own = [self.seen[k, t] for k, t in enumerate(picture.members[row].tolist()) if t >= 0]
@@ -201,24 +201,26 @@ class Outcome:
             self.pairs += len(pairs)
             self.right += sum(a == b and a >= 0 for a, b in pairs)
             target = max(set(own), key=own.count)
-            if target >= 0 and target not in shown:
-                shown.add(target)
-                self.compare(picture, row, target, cycle)
+            if target >= 0:
+                shown.setdefault(target, row)
+        if shown:
+            self.compare(picture, shown, cycle)
 
-    def compare(self, picture: SystemTracks, row: int, target: int, cycle: int) -> None:
-        """Keep the error of a state."""
-        flights, time = self.scene.flights, float(picture.time[row])
-        truth = np.concatenate(flights.at(target, time))
-        if not np.all(np.isfinite(truth)):
-            return
-        number = int(picture.track[row])
-        self.changes += self.names.get(target, number) != number
-        self.names[target] = number
-        state = np.concatenate([picture.position[row], picture.velocity[row]])
-        step = int((time - flights.start[target]) / flights.step)
-        turning = bool(flights.turning[target, step])
-        one = Error(cycle, target, state - truth, picture.covariance[row], turning)
-        self.errors.append(one)
+    def compare(self, picture: SystemTracks, shown: dict[int, int], cycle: int) -> None:
+        """Keep the errors of states: of each target that of its row."""
+        flights, targets, rows = self.scene.flights, np.array(list(shown)), list(shown.values())
+        time = picture.time[rows]
+        truth = np.hstack(flights.at(targets, time))
+        state = np.hstack([picture.position[rows], picture.velocity[rows]])
+        step = ((time - flights.start[targets]) / flights.step).astype(int)
+        for i in np.flatnonzero(np.isfinite(truth).all(axis=1)).tolist():
+            row, target = rows[i], int(targets[i])
+            number = int(picture.track[row])
+            self.changes += self.names.get(target, number) != number
+            self.names[target] = number
+            turning = bool(flights.turning[target, step[i]])
+            one = Error(cycle, target, state[i] - truth[i], picture.covariance[row], turning)
+            self.errors.append(one)
 
 
 def run(kind: str, seed: int, *, what: str = NOTHING, **options: object) -> Outcome:
@@ -328,8 +330,9 @@ def squares(errors: list[tuple[FloatArray, FloatArray]], size: int) -> float:
     """Return the mean of `e' P⁻¹ e` of the first components, over their number."""
     if not errors:
         return np.nan
-    parts = [e[:size] @ np.linalg.solve(p[:size, :size], e[:size]) / size for e, p in errors]
-    return float(np.mean(parts))
+    e, p = (np.array(one) for one in zip(*errors, strict=True))
+    e, p = e[:, :size], p[:, :size, :size]
+    return float(np.mean(e * np.linalg.solve(p, e[..., np.newaxis])[..., 0]))
 
 
 def against_central(kind: str, method: str, what: str = NOTHING, scenes: int = SCENES) -> list[str]:
@@ -394,7 +397,7 @@ def expectations() -> str:
     for seed in range(SCENES):
         random = np.random.default_rng([SEED, 99, seed])
         flown = simulate.dense_traffic(
-            150, area=(160e3, 160e3), duration=600.0, turning_share=0.0, rng=random
+            DENSE, area=(160e3, 160e3), duration=600.0, turning_share=0.0, rng=random
         )
         record = simulate.radar_plots(
             flown, radars, clutter=20, identity_missing_probability=1.0, rng=random

@@ -585,7 +585,8 @@ def priors() -> str:
         cells = []
         for set_up in SET_UPS:
             flown, not_flown = (
-                outcome(set_up, scenario, prior, 150) for scenario in SCENARIOS[:7:6]
+                outcome(set_up, scenario, prior, repetitions(150, 3))
+                for scenario in SCENARIOS[:7:6]
             )
             ratios = (flown["turn"], not_flown["after"], not_flown["soon"])
             cells.append(" / ".join(f"{value:.2f}" for value in ratios))

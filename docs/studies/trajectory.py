@@ -80,7 +80,7 @@ LASTING_METHODS: dict[str, dict[str, Any]] = {
     "**default**": {},
 }
 # networks about the origin for the table of coverages: standard deviations, and size of the way
-HONEST_RUNS = repetitions(20)
+HONEST_RUNS = repetitions(20, 1)
 HONEST: dict[str, tuple[FloatArray, dict[Kind, float], float]] = {
     "4 bearings": (
         np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]]),

@@ -14,7 +14,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
 RUNS = repetitions(5, 1)
-AIRCRAFT, CLUTTER, END = 30, 20.0, 600.0
+AIRCRAFT, CLUTTER, END = repetitions(30, 15), 20.0, float(repetitions(600, 300))
 SEED = 7300
 # seconds between calls of a live tracker
 SCAN = 4.0

@@ -136,7 +136,7 @@ def loss() -> str:
             if name.endswith("equal") and len(s) == 2:
                 of_exact.append((value - exact_loss(s.shape[-1], n - 1)) / error)
             if n <= 30 and len(s) < 10:
-                x = measured(s, n, 20_000, generator(41, n))
+                x = measured(s, n, repetitions(20_000), generator(41, n))
                 drawn = losses_with(s, literal_weights(weights.sample_covariance(x)))
                 raw, raw_error = mean_and_error(drawn)
                 of_raw.append((value - raw) / np.hypot(error, raw_error))
@@ -226,7 +226,7 @@ def first_order_error() -> str:
         cells = []
         for per in (20, 50, 100, 200):
             n = counts(per * (s.shape[-1] + 1) + 1)
-            trials = 30_000 if s.shape[-1] > 3 or len(s) > 2 else 300_000
+            trials = repetitions(30_000 if s.shape[-1] > 3 or len(s) > 2 else 300_000, 1000)
             value, error = simulated(s, n, trials, rng=generator(44, per))
             of_value = first_order(s, n) / value
             cells.append(f"{100 * (of_value - 1):+.1f} ± {100 * of_value * error / value:.1f}")
@@ -281,7 +281,7 @@ def rule() -> str:
         for n in sizes:
             cells = []
             for s in cases.values():
-                value, _ = simulated(s, n, 50_000, rng=generator(45, n))
+                value, _ = simulated(s, n, repetitions(50_000), rng=generator(45, n))
                 needed = weights.required_samples(s, trials=repetitions(20_000))
                 cells.append(f"{value:.2f} ({needed})")
             cells += [""] * (3 - len(cells))
@@ -332,7 +332,7 @@ def conventions() -> str:
     for name in ("m = 2, equal", "m = 2, S2 = 10 S1", "m = 3, equal"):
         s = CASES[name]
         for n in (5, 10, 30):
-            x = measured(s, n, 20_000, generator(49, n))
+            x = measured(s, n, repetitions(20_000), generator(49, n))
             raw = {
                 "sample-mean": weights.sample_covariance(x),
                 "known-mean": weights.sample_covariance(x, mean=np.zeros(s.shape[-1])),
@@ -342,7 +342,8 @@ def conventions() -> str:
             cells = []
             for word in words:
                 first = first_order(s, n, convention=word)
-                drawn, _ = simulated(s, n, 60_000, convention=word, rng=generator(50, n))
+                rng, trials = generator(50, n), repetitions(60_000)
+                drawn, _ = simulated(s, n, trials, convention=word, rng=rng)
                 found, _ = mean_and_error(losses_with(s, weights.weight_matrices(raw[word])))
                 cells.append(", ".join(map(short, (first, drawn, found))))
             rows.append([name, f"{n}", *cells])
@@ -440,7 +441,7 @@ def symmetric_pairs() -> str:
 
 def symmetrised() -> str:
     """Losses with the true W made symmetric."""
-    found = centred_area()
+    found = area_from()
     rows = []
     cases = {
         "test vector": VECTOR,
@@ -570,9 +571,10 @@ def model_of(
 
 
 @functools.cache
-def centred_area() -> passive_location.Area:
-    """Return the area of the example."""
-    return passive_location.area()
+def area_from(south_km: float | None = None, cell_km: float = 2.0) -> passive_location.Area:
+    """Return the area of the example from so far north of the baseline on, by default centred."""
+    south = -passive_location.HEIGHT_KM / 2 if south_km is None else south_km
+    return passive_location.area(cell_km, south, repetitions(passive_location.TRIALS))
 
 
 FEW = 10
@@ -680,11 +682,11 @@ def consistency() -> str:
 def area() -> str:
     """Range of W's standard deviations, losses and needed n over the area, by where it lies."""
     places = {
-        "centred on the baseline, 2 km cells": centred_area(),
-        "centred on the baseline, 4 km cells": passive_location.area(4.0),
-        "in front of the baseline, 2 km cells": passive_location.area(2.0, 0.0),
-        "in front of the baseline, 6 km cells": passive_location.area(6.0, 0.0),
-        "in front of the baseline from 10 km on, 2 km cells": passive_location.area(2.0, 10.0),
+        "centred on the baseline, 2 km cells": area_from(),
+        "centred on the baseline, 4 km cells": area_from(cell_km=4.0),
+        "in front of the baseline, 2 km cells": area_from(0.0),
+        "in front of the baseline, 6 km cells": area_from(0.0, 6.0),
+        "in front of the baseline from 10 km on, 2 km cells": area_from(10.0),
     }
     rows = []
     for name, found in places.items():
@@ -715,8 +717,8 @@ def shared_azimuth() -> str:
     """Compare what fusing two estimates that share an azimuth claims with what it does."""
     rows = []
     for name, found in (
-        ("centred on the baseline", centred_area()),
-        ("in front of the baseline", passive_location.area(2.0, 0.0)),
+        ("centred on the baseline", area_from()),
+        ("in front of the baseline", area_from(0.0)),
     ):
         location = found.location
         scaled = location.jacobian / location.sigma[:, np.newaxis]
@@ -778,4 +780,4 @@ def right_treatment() -> str:
 
 def passive_location_figure() -> Figure:
     """Draw the maps of the example."""
-    return passive_location.figure(centred_area())
+    return passive_location.figure(area_from())
