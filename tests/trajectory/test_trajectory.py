@@ -33,7 +33,7 @@ BIASES = {
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
 # of station 0's ranges, in standard deviations, from instant 28 on
-FAULTS = [(), (5,), (5, 5), (5, -5), (5, 5, 5), (4, -6, 5), (5, 5, 5, 5)]
+FAULTS = [(), (5,), (5, -5), (4, -6, 5), (5, 5, 5, 5)]
 # the source's figure 2: the instants, and what the only station measured
 SOURCE_I = np.arange(47, 57)
 SOURCE_STATION = np.array([1.0, 1000.0, 2.0])
