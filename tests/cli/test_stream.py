@@ -458,10 +458,10 @@ finally:
 
 @pytest.mark.skipif(not STATUS.is_file(), reason="there is no /proc")
 def test_memory_is_flat(sites: Path, tmp_path: Path) -> None:
-    """200 000 plots take hardly more memory than 20 000; their rows alone are 100 MB."""
+    """100 000 plots take hardly more memory than 20 000; their rows alone are 50 MB."""
     sites.write_text("\n".join(SITES.splitlines()[:2]) + "\n", encoding="utf-8")
     peaks, rows = [], []
-    for count in (20_000, 200_000):
+    for count in (20_000, 100_000):
         path = tmp_path / "many.csv"
         path.write_text("".join(many(count)), encoding="utf-8")
         with path.open("rb") as source, (tmp_path / "out.csv").open("wb") as sink:
@@ -476,8 +476,9 @@ def test_memory_is_flat(sites: Path, tmp_path: Path) -> None:
         # where aircraft turn back at once, a few plots are refused, which is said before
         peaks.append(1024 * int(done.stderr.split()[-1]))
         rows.append((tmp_path / "out.csv").read_bytes().count(b"\n"))
-    assert rows[1] > 190_000
-    assert peaks[1] - peaks[0] < 10e6
+    assert rows[1] > 95_000
+    # 1.7 MB at most were seen
+    assert peaks[1] - peaks[0] < 4.4e6
 
 
 @pytest.mark.skipif(not LEBL.is_file(), reason="the recording is not here")
@@ -486,7 +487,7 @@ def test_a_real_recording(tmp_path: Path) -> None:
     sites = tmp_path / "lebl.csv"
     head, *_ = SITES.splitlines()
     sites.write_text(f"{head}\nlebl,0,0,50,0.08,4\n", encoding="utf-8")
-    source = pl.read_csv(LEBL, infer_schema=False)[:20_000]
+    source = pl.read_csv(LEBL, infer_schema=False)[:10_000]
     path = tmp_path / "records.csv"
     source.write_csv(path)
     named = ("time_s=tod_s", "range_nm=rho_nm", "azimuth_deg=theta_deg", "flight_level=fl")
