@@ -374,11 +374,10 @@ def test_thousands_of_groups(write: Callable[..., Path], tmp_path: Path) -> None
 def test_at_most_sixteen_panels(write: Callable[..., Path], tmp_path: Path) -> None:
     theta = record()[:10]
     path = write("\n".join(["azimuth_deg,t", *[f"{v},{i}" for i in range(18) for v in theta]]))
-    for suffix in ("png", "svg"):
-        picture = tmp_path / f"picture.{suffix}"
-        done = run("bearing", path, "--by", "t", "--plot", picture)
-        assert (done.code, done.err) == (0, "only the first 16 of 18 groups are drawn\n")
-        assert picture.stat().st_size > 0
+    picture = tmp_path / "picture.svg"
+    done = run("bearing", path, "--by", "t", "--plot", picture)
+    assert (done.code, done.err) == (0, "only the first 16 of 18 groups are drawn\n")
+    assert picture.stat().st_size > 0
 
 
 def test_figure_has_a_panel_per_group_with_its_estimate() -> None:

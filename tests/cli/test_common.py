@@ -53,7 +53,7 @@ MEASUREMENTS = (EXAMPLES / "measurements.csv", "--sensors", EXAMPLES / "stations
     [
         (("locate", *MEASUREMENTS), "tertia.tables._locate.locate_instants"),
         (
-            ("smooth", EXAMPLES / "air_truth.csv", "--sigma", 20, "--by", "target"),
+            ("smooth", EXAMPLES / "air_truth.csv", "--sigma", 20, "--jerk", 1, "--by", "target"),
             "tertia.smoothing.smooth",
         ),
     ],

@@ -2,19 +2,17 @@
 
 import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from terminal import succeed
 
 from tertia.flightplan import FlightPlan
 from tertia.tracker import Plots, Radar, Tracker
 
-COMMAND = [sys.executable, "-c", "from tertia.cli import main; main()", "track", "--stream"]
 SITE = """name,east_m,north_m,range_sigma_m,azimuth_sigma_deg,scan_period_s
 west,0,0,50,0.08,4
 """
@@ -37,19 +35,13 @@ def seen(count: int = 60) -> list[dict[str, float]]:
 
 def told(lines: list[str], tmp_path: Path, *arguments: str) -> tuple[pl.DataFrame, list[Any], str]:
     """Return the rows, the answers, and all of stderr."""
-    site = tmp_path / "radar.csv"
+    site, plots = tmp_path / "radar.csv", tmp_path / "plots.txt"
     site.write_text(SITE, encoding="utf-8")
-    done = subprocess.run(
-        [*COMMAND, "--sensors", str(site), "--rows", "csv", *arguments],
-        input="\n".join(lines).encode(),
-        capture_output=True,
-        check=False,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr.decode()
-    text = done.stderr.decode()
-    answers = [json.loads(line) for line in text.splitlines() if line.startswith("{")]
-    return pl.read_csv(io.BytesIO(done.stdout)), answers, text
+    plots.write_text("\n".join(lines), encoding="utf-8")
+    given = ("--sensors", site, "--rows", "csv", *arguments)
+    _, out, err = succeed("track", plots, "--stream", *given)
+    answers = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
+    return pl.read_csv(io.StringIO(out)), answers, err
 
 
 def ordered(requests: dict[int, dict[str, Any]]) -> list[str]:

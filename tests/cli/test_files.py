@@ -81,8 +81,9 @@ every_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=list(C
 
 
 def table(command: Command) -> pl.DataFrame:
-    """Return what the command reads, with numbers as numbers."""
+    """Return the first third of what the command reads, with numbers as numbers."""
     frame = pl.read_csv(EXAMPLES / command.file, infer_schema_length=None)
+    frame = frame.filter(pl.col("time_s") < pl.col("time_s").max() / 3)
     if command.name != "evaluate":
         return frame
     few = frame["target"].unique(maintain_order=True)[:3].to_list()

@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for scene, names, count in (
         ("bearings", {"bearings.csv": "bearings.csv", "sensors.toml": "finders.toml"}, 200),
         ("telemetry", {"bearings.csv": "telemetry.csv", "sensors.toml": "towers.toml"}, 60),
-        ("misaligned", {"plots.csv": "plots.csv", "sensors.toml": "radars.toml"}, 300),
+        ("misaligned", {"plots.csv": "plots.csv", "sensors.toml": "radars.toml"}, 150),
         ("adsb", {"positions.csv": "positions.csv"}, 80),
         ("gaps", {"azimuths.csv": "azimuths.csv"}, 60),
     ):  # fmt: skip

@@ -3,20 +3,13 @@
 import numpy as np
 import pytest
 from checks import INF, NAN, assert_same, rng
-from reference import fusion as reference
+from fusion.cases import problem
 from scipy import stats
-from tolerances import INVERSES
 
 from tertia.fusion import fuse, fuse_scalar
 
 FOUR = np.array([[10.0], [14], [9], [20]])
 OF_FOUR = np.square([1, 1.5, 1.2, 2])[:, np.newaxis, np.newaxis]
-
-
-def problem(k, m, seed, spread=3.0):
-    factor = rng(seed).standard_normal((k, m, m + 2))
-    covariances = factor @ factor.swapaxes(-1, -2) / m
-    return rng(seed + 1).normal(0, spread, (k, m)), covariances
 
 
 def test_vector():
@@ -26,23 +19,6 @@ def test_vector():
     np.testing.assert_allclose(found.bias_sigma, 4.755114338013392, rtol=1e-13)
     assert found.systematic == "estimated"
     assert found.pvalue == fuse(FOUR, OF_FOUR).pvalue
-
-
-@pytest.mark.parametrize(("k", "m"), [(2, 1), (3, 1), (2, 2), (4, 2), (3, 3), (2, 6), (5, 11)])
-@pytest.mark.parametrize("spread", [0.5, 5.0, 1e4])
-def test_parity(k, m, spread):
-    x, s = problem(k, m, 10 * k + m, spread)
-    found = fuse(x, s, bias_sigma=None)
-    mean, covariance, bias = reference.random_effects(x, s)
-    sigma = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose((found.mean - mean) / sigma, 0, atol=INVERSES)
-    np.testing.assert_allclose(
-        found.covariance / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-9
-    )
-    np.testing.assert_allclose(found.bias_sigma, bias, rtol=1e-9)
-    np.testing.assert_allclose(
-        np.einsum("kij,kj->i", found.weights, x), found.mean, rtol=1e-9, atol=1e-9 * spread
-    )
 
 
 def test_units_and_axes_do_not_matter():

@@ -156,7 +156,7 @@ def test_a_long_call_is_stopped(name):
         text=True,
     ) as process:
         assert process.stdout.readline() == "ready\n", process.stderr.read()
-        time.sleep(2.0)
+        time.sleep(1.0)
         assert process.poll() is None
         begin = time.monotonic()
         process.send_signal(signal.SIGINT)

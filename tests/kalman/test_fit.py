@@ -1,5 +1,7 @@
 """The noise of plots and motion from a recording."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from checks import INF, NAN, rng
@@ -27,12 +29,18 @@ def random_recording(seed):
         dt[random.integers(0, steps - 1, 3)] *= 20
         dt[random.integers(0, steps - 1, 3)] = [0, 1e-6, 1e-3]
     x, angle = random.normal(size=3) * [50, 1, model.acceleration_sigma], []
-    for interval in [0.0, *dt]:
+
+    @cache
+    def step(interval):
         q = model.process_noise(interval)
         scale = np.sqrt(np.where(np.diagonal(q) > 0, np.diagonal(q), 1))
         values, axes = np.linalg.eigh(q / np.outer(scale, scale))
         root = scale[:, np.newaxis] * axes * np.sqrt(np.maximum(values, 0))
-        x = model.transition(interval) @ x + root @ random.normal(size=3)
+        return model.transition(interval), root
+
+    for interval in [0.0, *dt]:
+        transition, root = step(interval)
+        x = transition @ x + root @ random.normal(size=3)
         angle.append(x[0])
     z = np.array(angle) + np.sqrt(R) * random.normal(size=steps)
     if random.random() < 0.3:

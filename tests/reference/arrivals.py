@@ -65,6 +65,7 @@ class Problem:
         sites[self.known] = x[at[4] : at[5]].reshape(-1, d)
         column = np.where(self.known, at[4] + d * (np.cumsum(self.known) - 1), -1)
         residual, derivative = np.zeros(len(s.time)), np.zeros((len(s.time), len(x)))
+        rough = [self.rough(h) for h in range(s.receivers)]
         for i, (t, h, e) in enumerate(zip(s.time, s.sensor, s.emission, strict=True)):
             b, row = s.beacon[e], derivative[i]
             own = at[1] + 3 * d * int(np.searchsorted(self.moving, e))
@@ -78,8 +79,8 @@ class Problem:
                     row[first : first + d] += sign * x[at[3]] * offset / distance
             row[at[3]] = distance
             if h > 0:
-                m = int(np.clip(np.searchsorted(s.node, t - self.rough(h)) - 1, 0, len(s.node) - 2))
-                share = (t - self.rough(h) - s.node[m]) / (s.node[m + 1] - s.node[m])
+                m = min(max(int(np.searchsorted(s.node, t - rough[h])) - 1, 0), len(s.node) - 2)
+                share = (t - rough[h] - s.node[m]) / (s.node[m + 1] - s.node[m])
                 for node, weight in ((m, 1 - share), (m + 1, share)):
                     row[at[2] + node * (s.receivers - 1) + h - 1] = weight
             if b >= 0:
@@ -138,8 +139,8 @@ class Problem:
     def solve(self, iterations: int = 60) -> tuple[Array, Array, float]:
         """Return the unknowns, their covariance, and the standard deviation of an arrival."""
         scale, free = 10.0, 1.0
+        residual, rows = self.rows()
         for _ in range(iterations):
-            residual, rows = self.rows()
             off, prior = self.priors()
             weight = (NU + 1) / (NU * scale**2 + residual**2)
             slope = weight * (NU * scale**2 - residual**2) / (NU * scale**2 + residual**2)
@@ -150,7 +151,7 @@ class Problem:
             normal = rows.T @ scaled + prior.T @ prior
             covariance = np.linalg.inv(normal)
             self.x = self.x + 0.75 * covariance @ (rows.T @ (weight * residual) + prior.T @ off)
-            residual, _ = self.rows()
+            residual, rows = self.rows()
             bound = len(self.x) - np.trace(prior.T @ prior @ covariance)
             free = 1 - bound / len(residual)
             square = (NU + 1) * scale**2 * residual**2 / (NU * scale**2 + residual**2)

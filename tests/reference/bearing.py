@@ -123,16 +123,16 @@ def correlated(y, place, phi=None):
         phis, prior = np.array([phi]), np.ones(1)
 
     def given(phi):
-        f = float(phi) ** gap
+        f = phi[:, None] ** gap
         v = 1 - f**2
-        a, e = 1 + ((1 - f) ** 2 / v).sum(), y[1:] - f * y[:-1]
-        m = (y[0] + ((1 - f) * e / v).sum()) / a
-        rss = (y[0] - m) ** 2 + ((e - (1 - f) * m) ** 2 / v).sum()
-        evidence = -0.5 * (np.log(v).sum() + np.log(a) + (len(y) - 1) * np.log(rss))
+        a, e = 1 + ((1 - f) ** 2 / v).sum(axis=1), y[1:] - f * y[:-1]
+        m = (y[0] + ((1 - f) * e / v).sum(axis=1)) / a
+        rss = (y[0] - m) ** 2 + ((e - (1 - f) * m[:, None]) ** 2 / v).sum(axis=1)
+        evidence = -0.5 * (np.log(v).sum(axis=1) + np.log(a) + (len(y) - 1) * np.log(rss))
         return m, rss / ((len(y) - 1) * a), evidence
 
-    m, v, evidence = np.transpose([given(phi) for phi in phis])
-    _, white, base = given(0.0)
+    m, v, evidence = given(phis)
+    _, white, base = (one[0] for one in given(np.zeros(1)))
     log = np.log(prior) + evidence - base
     w = np.exp(log - log.max())
     gain, w = log.max() + np.log(w.sum()), w / w.sum()
@@ -179,7 +179,8 @@ class Modes:
     def posterior(self, y):
         """Probabilities of all modes, log-likelihood, counts drawn by the shares, persisted."""
         centre = self.mu + np.r_[0.0, self.d]
-        log = stats.norm.logpdf(y[:, None], centre, np.r_[self.s, self.t])
+        width = np.r_[self.s, self.t]
+        log = -0.5 * ((y[:, None] - centre) / width) ** 2 - np.log(np.sqrt(2 * np.pi) * width)
         share = np.r_[1 - self.share.sum(), self.share]
         top = log.max(axis=1, keepdims=True)
         density = np.exp(log - top)
@@ -187,24 +188,23 @@ class Modes:
             joint = share * density
             g = joint / joint.sum(axis=1, keepdims=True)
             return g, (np.log(joint.sum(axis=1)) + top[:, 0]).sum(), g.sum(axis=0), 0.0
-        n = len(y)
-        forward, scale, predicted = np.empty_like(density), np.empty(n), share
-        for i in range(n):
-            joint = predicted * density[i]
-            scale[i] = joint.sum()
-            forward[i] = joint / scale[i]
-            predicted = self.kappa * forward[i] + (1 - self.kappa) * share
-        g, backward = np.empty_like(density), np.ones(len(share))
-        drawn, persisted = np.zeros(len(share)), 0.0
-        for i in reversed(range(n)):
-            g[i] = forward[i] * backward
-            if i == 0:
-                drawn += g[0]
-                break
-            ahead = density[i] * backward / scale[i]
-            persisted += self.kappa * forward[i - 1] @ ahead
-            drawn += (1 - self.kappa) * share * ahead
-            backward = self.kappa * ahead + (1 - self.kappa) * share @ ahead
+        # numbers of Python: arrays of two would take five times as long
+        kappa, anew = self.kappa, ((1 - self.kappa) * share).tolist()
+        rows, predicted, forward, scale = density.tolist(), share.tolist(), [], []
+        for row in rows:
+            joint = [p * d for p, d in zip(predicted, row, strict=True)]
+            scale.append(sum(joint))
+            forward.append([j / scale[-1] for j in joint])
+            predicted = [kappa * f + a for f, a in zip(forward[-1], anew, strict=True)]
+        backward = [[1.0] * len(share)]
+        for row, total in zip(rows[:0:-1], scale[:0:-1], strict=True):
+            ahead = [d * b / total for d, b in zip(row, backward[-1], strict=True)]
+            fresh = sum(a * v for a, v in zip(anew, ahead, strict=True))
+            backward.append([kappa * v + fresh for v in ahead])
+        forward, backward, scale = (np.array(one) for one in (forward, backward[::-1], scale))
+        g, ahead = forward * backward, (density * backward / scale[:, None])[1:]
+        drawn = g[0] + anew * ahead.sum(axis=0)
+        persisted = kappa * (forward[:-1] * ahead).sum()
         return g, (np.log(scale) + top[:, 0]).sum(), drawn, persisted
 
     def step(self, y, floor, least):
@@ -300,8 +300,9 @@ def slow_noise(y, place, correlations):
     n, y, ones, found = len(y), y - y[0], np.ones(len(y)), []
     for share, slow, _ in [(0.0, np.eye(n), 0.0), *correlations]:
         r = share * slow + (1 - share) * np.eye(n)
-        a = ones @ np.linalg.solve(r, ones)
-        rss = y @ np.linalg.solve(r, y) - (ones @ np.linalg.solve(r, y)) ** 2 / a
+        of_ones, of_y = np.linalg.solve(r, np.column_stack([ones, y])).T
+        a = ones @ of_ones
+        rss = y @ of_y - (ones @ of_y) ** 2 / a
         log = -0.5 * (np.linalg.slogdet(r)[1] + np.log(a) + (n - 1) * np.log(rss))
         found.append((log, rss / a))
     log, variance = np.transpose(found)
@@ -536,8 +537,8 @@ def start(y, rounding):
     return centre, scale, step
 
 
-def robust(y, size, rounding=0.0, correlation=None):
-    """The default: value, sigma, outliers and weights of blocks."""
+def mixed(y, rounding=0.0, correlation=None):
+    """What the default finds before it looks at blocks."""
     centre, scale, step = start(y, rounding)
     z = np.clip((y - centre) / scale, -1e3, 1e3)
     w, v, found = hypotheses(z, step / scale, correlation)
@@ -549,20 +550,32 @@ def robust(y, size, rounding=0.0, correlation=None):
     between = scale**2 * (v @ (each - value) ** 2)
     good, influence = w @ [h.g[:, 0] for h in found], w @ [h.influence for h in found]
     width = scale * np.sqrt(good @ (z - value) ** 2 / counts)
-    value, variance = centre + scale * value, within + between
+    value = centre + scale * value
     y = np.where(np.abs(z) < 1e3, y, centre + scale * z)
+    return y, value, within, between, counts.sum(), good, influence, width, step
+
+
+def in_blocks(found, size):
+    """The default of what `mixed` found: value, sigma, outliers and weights of blocks."""
+    y, value, within, between, count, good, influence, width, step = found
+    variance = within + between
     blocks = blocks_of(len(y), size)
     weight = np.array([influence[g].sum() for g in blocks])
     mean = np.array([influence[g] @ y[g] for g in blocks]) / weight
     used = weight > 0.1 / len(weight)
     if (nu := used.sum() - 1) > 0:
         f = (weight * (mean - value) ** 2)[used].sum() / within / nu
-        limit = stats.f.isf(0.05, nu, counts.sum() - 1)
+        limit = stats.f.isf(0.05, nu, count - 1)
         variance *= max(1.0, f / limit)
     if step:
         excess = max((width / step) ** 2 - 1 / 12, 0.0)
         variance += step**2 / 12 * np.exp(-4 * np.pi**2 * excess)
     return value, np.sqrt(variance), good < 0.5, weight
+
+
+def robust(y, size, rounding=0.0, correlation=None):
+    """The default: value, sigma, outliers and weights of blocks."""
+    return in_blocks(mixed(y, rounding, correlation), size)
 
 
 def noise_factor(q, n):

@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 
+import gmpy2
 import mpmath
 import numpy as np
 
@@ -55,16 +56,40 @@ def printed(t, alpha, sigma):
 @lru_cache(maxsize=1000)
 def _van_loan(x):
     """F and Q for T = 1, alpha = x, sigma = 1, by the exponential of [[-A, B], [0, A']]."""
-    with mpmath.workdps(100):
-        block = mpmath.zeros(6)
+    with gmpy2.context(precision=600):
+        x = _from_mpmath(x)
+        block = np.full((6, 6), gmpy2.mpfr(0))
         for i, j in [(0, 1), (1, 2)]:
-            block[i, j], block[3 + j, 3 + i] = -1, 1
-        block[2, 2], block[5, 5] = x, -x
-        block[2, 5] = 2 * x
-        power = mpmath.expm(block)
-        f = np.array([[power[3 + j, 3 + i] for j in range(3)] for i in range(3)], dtype=object)
-        upper = np.array([[power[i, 3 + j] for j in range(3)] for i in range(3)], dtype=object)
-        return f, f @ upper
+            block[i, j], block[3 + j, 3 + i] = gmpy2.mpfr(-1), gmpy2.mpfr(1)
+        block[2, 2], block[5, 5], block[2, 5] = x, -x, 2 * x
+        power = exponential(block)
+        f = power[3:, 3:].T
+        return _to_mpmath(f), _to_mpmath(f.dot(power[:3, 3:]))
+
+
+def exponential(a):
+    """By the series of `a / 2^k`, squared k times."""
+    halvings = 20 + max(0, int(gmpy2.ceil(gmpy2.log2(np.max(np.abs(a))))))
+    small, term = a / gmpy2.mpfr(2) ** halvings, np.eye(len(a), dtype=int) * gmpy2.mpfr(1)
+    total = term
+    for k in range(1, 30):
+        term = term.dot(small) / k
+        total = total + term
+    for _ in range(halvings):
+        total = total.dot(total)
+    return total
+
+
+def _from_mpmath(value):
+    mantissa, exponent = value.man_exp
+    return gmpy2.mpfr(int(mantissa)) * gmpy2.mpfr(2) ** int(exponent)
+
+
+def _to_mpmath(values):
+    flat = [one.as_mantissa_exp() for one in values.ravel()]
+    with mpmath.workdps(200):
+        numbers = [mpmath.ldexp(int(mantissa), int(exponent)) for mantissa, exponent in flat]
+    return np.array(numbers, dtype=object).reshape(values.shape)
 
 
 def singer(t, alpha, sigma):

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,6 +39,12 @@ def recording(seed, course, count=3):
         azimuth=plots.azimuth + own[:, 2],
     )
     return wrong, plots
+
+
+@cache
+def registered(seed):
+    """The registration of a recording with errors that do not change."""
+    return register(recording(seed, constant(seed))[0], radars())
 
 
 def constant(seed, count=3):
@@ -99,8 +106,7 @@ def test_a_sudden_change_is_found(kind, size):
 
 
 def test_constant_biases_do_not_change():
-    for seed in range(4):
-        assert register(recording(seed, constant(seed))[0], radars()).changes == ()
+    assert all(registered(seed).changes == () for seed in range(4))
 
 
 def test_tracks_are_smoothed_with_the_bias_of_their_time():
@@ -150,7 +156,7 @@ def test_positions_of_the_caller_stay_as_they_are():
 
 
 def test_result():
-    assert_result(register(recording(1, constant(1))[0], radars()).bias_history)
+    assert_result(registered(1).bias_history)
 
 
 def test_a_tracker_goes_on_from_a_registration():
@@ -183,7 +189,7 @@ def test_a_tracker_goes_on_from_a_registration():
 
 
 def test_registrations_that_a_tracker_cannot_take():
-    found = register(recording(1, constant(1))[0], radars())
+    found = registered(1)
     assert_refused(lambda: Tracker(radars(2), registration=found), ValueError, "registration")
     assert_refused(lambda: Tracker(radars(), registration="on"), TypeError, "registration")
     with pytest.raises(ValueError, match="lag"):

@@ -7,47 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checks import assert_refused, assert_result, assert_same, rng
-from reference import registration as reference
+from registration.scenes import (
+    ERRORS,
+    KINDS,
+    LIMITS,
+    columns,
+    constant,
+    radars,
+    recording,
+)
 from scipy import stats
 from tolerances import CHANCE
 
 from tertia import simulate
 from tertia.registration import calibrate, register
-from tertia.sensors import RADAR_LIMITS, Bias, Radar, Station
+from tertia.sensors import Bias, Station
 from tertia.tracker import Plots, track
-from tertia.tracker._errors import errors
-
-STATED = np.array([50.0, 0.0014])
-PLACES = np.array([[-5e4, 0.0], [5e4, 1e4], [0.0, 6e4]])
-KINDS = ("range", "azimuth")
-ERRORS = ("range", "range_gain", "azimuth", "time")
-LIMITS = np.array([100.0, 1 / 1852, np.radians(0.1), 0.1])
-ONES = np.ones((3, 2))
-
-
-def radars(factor=ONES, order=(0, 1, 2)):
-    """Radars whose noise is so many times the stated one."""
-    sigma = STATED * factor
-    return [
-        Radar(PLACES[k], range_sigma=sigma[k, 0], azimuth_sigma=sigma[k, 1], scan_period=4.0 + k)
-        for k in order
-    ]
-
-
-def constant():
-    """The same radars, whose errors do not drift."""
-    bias = replace(RADAR_LIMITS, drift_share=0.0)
-    return [replace(one, bias=bias) for one in radars()]
-
-
-def recording(seed, factor=ONES, bias=None, **options):
-    traffic = simulate.dense_traffic(30, area=(1.5e5, 1.5e5), turning_share=0.1, rng=seed)
-    seen = {"outlier_probability": 0.01, "rng": seed + 1000} | options
-    return simulate.radar_plots(traffic, radars(factor), bias=bias, **seen).plots
-
-
-def columns(bias, suffix=""):
-    return np.stack([getattr(bias, kind + suffix) for kind in ERRORS], axis=-1)
 
 
 def test_coverage_of_noise_and_errors():
@@ -69,26 +44,6 @@ def test_coverage_of_noise_and_errors():
     assert within > 0.9 * 240
     low, high = stats.chi2.ppf([CHANCE, 1 - CHANCE], 240)
     assert 0.9 * low < np.sum(squares) < 1.1 * high
-
-
-def test_the_same_by_plain_formulas():
-    bias = Bias(range=[0.0, 150.0, -90.0], azimuth=[0.0, 0.002, 0.0], time=[0.0, 0.0, 0.1])
-    plots = recording(1, bias=bias, height_missing_probability=0.1)
-    tracks = track(plots, [replace(one, bias=bias[k]) for k, one in enumerate(radars())])
-    found = errors(plots, tracks, constant())
-    assert found.changes == ()
-    rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
-    # a plot without a height has that of its track
-    own = replace(plots, height=tracks._columns.heights(plots.height, 0, 0))[tracks.plot[rows]]
-    seen = {name: getattr(own, name) for name in ("time", "range", "azimuth", "height", "sensor")}
-    seen |= {"target": tracks.track[rows], "turn_probability": tracks.turn_probability[rows]}
-    places = np.column_stack([PLACES, np.zeros(3)])
-    value, covariance, factor = reference.errors(
-        seen, places, np.tile(STATED, (3, 1)), 2.2 * 6.0, np.tile(LIMITS, (3, 1))
-    )
-    np.testing.assert_allclose(columns(found.bias), value, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-8, atol=1e-20)
-    np.testing.assert_allclose(found.factor, factor, rtol=1e-9)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.1, 0.2, 0.3, 0.5, 1.0])

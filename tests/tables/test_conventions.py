@@ -83,14 +83,21 @@ CASES: dict[str, tuple[tuple[str, ...], pl.Expr]] = {
 }
 
 
+def of_kinds(kinds: tuple[str, ...]) -> pl.DataFrame:
+    return stations() if "elevation_deg" in kinds else stations(PLACES[:, :2])
+
+
+@pytest.mark.parametrize("kinds", dict.fromkeys(kinds for kinds, _ in CASES.values()))
+def test_nothing_is_said_of_usual_measurements(kinds: tuple[str, ...]) -> None:
+    for seed in range(3):
+        assert not said_of(seen(seed, *kinds), of_kinds(kinds))
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_another_convention_is_said(case: str) -> None:
     kinds, change = CASES[case]
-    places = stations() if "elevation_deg" in kinds else stations(PLACES[:, :2])
     for seed in range(3):
-        table = seen(seed, *kinds)
-        assert not said_of(table, places)
-        said = said_of(table.with_columns(change), places)
+        said = said_of(seen(seed, *kinds).with_columns(change), of_kinds(kinds))
         assert len(said) == 1
         assert case in said[0]
 

@@ -2,7 +2,6 @@
 
 import pickle
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from places import DATA, needs_data
-from reference import arrivals as reference
+from trajectory.nets import BEACON, SPEED, TAG, Net, net, solved
 
 from tertia.sensors import Bias, Station
 from tertia.trajectory import (
@@ -20,81 +19,6 @@ from tertia.trajectory import (
     group_arrivals,
     reconstruct_arrivals,
 )
-
-SPEED = 1500.0
-TAG, BEACON = 7, 1
-
-
-@dataclass
-class Net:
-    """A simulated net: what is given, and the truth."""
-
-    stations: list[Station]
-    arrivals: Arrivals
-    beacons: dict[int, Any]
-    time: npt.NDArray[np.float64]
-    source: npt.NDArray[np.float64]
-    identity: npt.NDArray[np.int64]
-    clock: npt.NDArray[np.float64]
-    emission: npt.NDArray[np.int64]
-
-
-def net(
-    seed: int,
-    *,
-    k: int = 7,
-    dimension: int = 2,
-    emissions: int = 40,
-    tags: int = 1,
-    beacons: int = 2,
-    survey: float = 1.0,
-    noise: float = 2e-4,
-    speed: float = SPEED,
-    heard: float = 0.95,
-    extent: float = 400.0,
-    late: float = 0.0,
-    lasting: float = 0.0,
-) -> Net:
-    """Simulate tags on curves and beacons at the first receivers, heard by drifting clocks."""
-    rng = np.random.default_rng(seed)
-    place = rng.uniform(-0.5, 0.5, (k, dimension)) * extent
-    names = [BEACON + i for i in range(beacons)] + [TAG + i for i in range(tags)]
-    time = np.cumsum(rng.uniform(0.5, 1.5, (len(names), emissions)) * 20, axis=1)
-    source: Any = np.empty((len(names), emissions, dimension))
-    for i in range(len(names)):
-        phase, rate = rng.uniform(0, 6.28, dimension), rng.uniform(0.5, 1.0, dimension) / 300
-        source[i] = 0.35 * extent * np.sin(rate * time[i][:, np.newaxis] + phase)
-        if i < beacons:
-            source[i] = place[i]
-    time, source = time.reshape(-1), source.reshape(-1, dimension)
-    identity = np.repeat(names, emissions)
-    offset, rate = rng.uniform(-60, 60, k), 1e-5 * rng.standard_normal(k)
-    offset[0], rate[0] = 0.0, 0.0
-    clock = offset + rate * time[:, np.newaxis]
-    travel = np.linalg.norm(source[:, np.newaxis] - place, axis=-1) / speed
-    error = noise * rng.standard_normal(travel.shape)
-    own = error.reshape(len(names), emissions, k)
-    for i in range(1, emissions):
-        own[:, i] = lasting * own[:, i - 1] + np.sqrt(1 - lasting**2) * own[:, i]
-    error += np.where(rng.random(travel.shape) < late, 30 * noise, 0.0)
-    row, sensor = np.nonzero(rng.random(travel.shape) < heard)
-    reading = (time[:, np.newaxis] + travel + clock + error)[row, sensor]
-    given = place + survey * rng.standard_normal(place.shape)
-    return Net(
-        [Station(p, position_sigma=survey) for p in given],
-        Arrivals(reading, sensor, identity[row]),
-        {name: at for at, name in enumerate(names[:beacons])},
-        time,
-        source,
-        identity,
-        clock,
-        row,
-    )
-
-
-def solved(scene: Net, **options: Any) -> ArrivalTrajectory:
-    given = {"propagation_speed": SPEED, "propagation_speed_sigma": 3.0} | options
-    return reconstruct_arrivals(scene.stations, scene.arrivals, beacons=scene.beacons, **given)
 
 
 def calls(
@@ -177,55 +101,6 @@ def test_clocks_and_positions_of_one_tag() -> None:
     assert np.sqrt(np.mean(off**2)) < 2.0
     assert np.all(value[0] == 0)
     assert np.all(sigma[0] == 0)
-
-
-def test_the_solution_is_that_of_the_dense_problem() -> None:
-    scene = net(2, k=6, emissions=25, heard=1.0)
-    options = {"path_sigma": 3e-4, "clock_drift": 1e-8, "jerk": 1e-7}
-    known = Arrivals(
-        scene.arrivals.time, scene.arrivals.sensor, scene.arrivals.identity, scene.emission
-    )
-    scene.arrivals = known
-    track = solved(scene, **options)
-    order = np.argsort(scene.time)
-    rank = np.argsort(order)
-    problem = reference.Problem(
-        reference.Scene(
-            sites=np.array([station.position for station in scene.stations]),
-            site_sigma=np.array([station.position_sigma for station in scene.stations]),
-            time=known.time,
-            sensor=known.sensor,
-            emission=rank[scene.emission],
-            beacon=np.array([scene.beacons.get(int(i), -1) for i in scene.identity])[order],
-            node=track.bias.node,
-            speed=SPEED,
-            speed_sigma=3.0,
-            receivers=6,
-            path_sigma=options["path_sigma"],
-            clock_drift=options["clock_drift"],
-            jerk=options["jerk"],
-        ),
-        scene.time[order],
-        scene.source[order],
-        scene.clock.mean(axis=0),
-    )
-    x, covariance, sigma = problem.solve()
-    motion = slice(problem.at[1], problem.at[2])
-    mean = x[motion].reshape(-1, 3, 2)
-    found = np.stack([track.position, track.velocity, track.acceleration], axis=1)
-    spread = np.sqrt(np.diag(covariance)[motion]).reshape(mean.shape)
-    assert np.max(np.abs(found - mean) / spread) < 0.02
-    for i in range(len(mean)):
-        own = slice(motion.start + 6 * i, motion.start + 6 * i + 6)
-        assert track.covariance[i] == pytest.approx(
-            covariance[own, own], rel=0.01, abs=0.01 * np.min(np.diag(covariance[own, own]))
-        )
-    assert track.arrival_time_sigma * SPEED == pytest.approx(sigma, rel=2e-3)
-    slowness = problem.at[3]
-    assert track.propagation_speed == pytest.approx(SPEED / x[slowness], rel=1e-6)
-    assert track.propagation_speed_sigma == pytest.approx(
-        SPEED * np.sqrt(covariance[slowness, slowness]), rel=0.02
-    )
 
 
 @pytest.mark.parametrize(

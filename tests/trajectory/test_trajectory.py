@@ -6,19 +6,25 @@ import numpy as np
 import pytest
 from checks import assert_covariance
 from places import DATA, difar
-from reference import trajectory as reference
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from tolerances import CHANCE
+from trajectory.scenes import (
+    INSTANTS,
+    KINDS,
+    PLACES,
+    SIGMA_A,
+    SIGMA_R,
+    SIGMAS,
+    ideal,
+    measure,
+    network,
+    turn,
+)
 
 from tertia.sensors import Bias, Station
 from tertia.trajectory import Trajectory, reconstruct
 
-PLACES = np.array([[1.0, 1000.0, 2.0], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]])
-SIGMA_R, SIGMA_A = 10.0, np.deg2rad(0.3)
-SIGMAS = {"range": SIGMA_R, "azimuth": SIGMA_A, "elevation": SIGMA_A}
-KINDS = tuple(SIGMAS)
-INSTANTS = np.arange(60.0)
 JERK = 1e-3
 RUNS = 60
 BIASES = {
@@ -27,7 +33,7 @@ BIASES = {
     "elevation": np.deg2rad([-0.2, 0.4, 0.3]),
 }
 # of station 0's ranges, in standard deviations, from instant 28 on
-FAULTS = [(), (5,), (5, 5), (5, -5), (5, 5, 5), (4, -6, 5), (5, 5, 5, 5)]
+FAULTS = [(), (5,), (5, -5), (4, -6, 5), (5, 5, 5, 5)]
 # the source's figure 2: the instants, and what the only station measured
 SOURCE_I = np.arange(47, 57)
 SOURCE_STATION = np.array([1.0, 1000.0, 2.0])
@@ -53,19 +59,6 @@ def estimated(*kinds):
 ALL = estimated(*KINDS)
 
 
-def network(places=PLACES, range_sigma=SIGMA_R):
-    """Return stations; places are (K, D) or, for moving ones, (N, K, D)."""
-    return [
-        Station(
-            places[..., k, :],
-            range_sigma=range_sigma,
-            azimuth_sigma=SIGMA_A,
-            elevation_sigma=SIGMA_A,
-        )
-        for k in np.arange(places.shape[-2])
-    ]
-
-
 def restless(rng, times=INSTANTS, jerk=JERK):
     """Return positions, velocities and accelerations of a target with white jerk."""
     t = times[1] - times[0]
@@ -83,37 +76,6 @@ def restless(rng, times=INSTANTS, jerk=JERK):
     for i in np.arange(1, len(times)):
         states[i] = transition @ states[i - 1] + root @ rng.standard_normal((3, 3))
     return states[:, 0], states[:, 1], states[:, 2]
-
-
-def turn(times, rate=0.02, speed=15.0):
-    """Return a smooth turn: positions, velocities and accelerations."""
-    phase = rate * times
-    radius = speed / rate
-    east = radius * np.sin(phase), speed * np.cos(phase), -speed * rate * np.sin(phase)
-    north = -radius * np.cos(phase), speed * np.sin(phase), speed * rate * np.cos(phase)
-    up = 300 + 2 * times, 2 + 0 * times, 0 * times
-    states = [np.column_stack(axes) for axes in zip(east, north, up, strict=True)]
-    states[0] += [300, 1500 + radius, 0]
-    return tuple(states)
-
-
-def ideal(position, places=PLACES):
-    offset = position[:, np.newaxis] - places
-    return {
-        "range": np.linalg.norm(offset, axis=-1),
-        "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),
-        "elevation": np.arctan2(offset[..., 2], np.hypot(offset[..., 0], offset[..., 1])),
-    }
-
-
-def measure(position, rng, places=PLACES, biases=None, range_sigma=SIGMA_R):
-    sigmas = {**SIGMAS, "range": range_sigma}
-    return {
-        kind: values
-        + sigmas[kind] * rng.standard_normal(values.shape)
-        + (0.0 if biases is None else biases[kind])
-        for kind, values in ideal(position, places).items()
-    }
 
 
 def nees(track, truth):
@@ -568,28 +530,6 @@ def test_a_turn_that_the_smoother_does_not_know_is_no_fault():
     assert rmse(track, truth) > 20
     # 1 % of the measurements contradict the others of their instant by as much
     assert np.sum(track.outlier.count) < stats.binom.isf(CHANCE, 540, 0.01)
-
-
-def test_the_orders_of_the_source_are_those_of_the_reference():
-    times = INSTANTS[:30]
-    truth = turn(times)
-    measured = measure(truth[0], np.random.default_rng(19))
-    measured["range"][5:8, 0] += 5 * SIGMA_R
-    sigmas = {kind: np.full(3, sigma) for kind, sigma in SIGMAS.items()}
-    given = (truth[0], PLACES, times, measured, sigmas, 13, 3)
-    options = {"spatial": "least-squares", "smoother": "local-polynomial"}
-    a = reconstruct(network(), times, **measured, **options)
-    position, velocity, error, rate_error = reference.space_first(*given)
-    np.testing.assert_allclose(a.position, position, atol=1e-6)
-    np.testing.assert_allclose(a.velocity, velocity, atol=1e-6)
-    sigma = np.sqrt(np.diagonal(a.covariance, axis1=-2, axis2=-1))
-    np.testing.assert_allclose(sigma[:, :3], error, rtol=1e-7)
-    np.testing.assert_allclose(sigma[:, 3:6], rate_error, rtol=1e-7)
-    b = reconstruct(network(), times, **measured, **options, order="temporal-first")
-    position, velocity, covariance = reference.time_first(*given)
-    np.testing.assert_allclose(b.position, position, atol=1e-6)
-    np.testing.assert_allclose(b.velocity, velocity, atol=1e-6)
-    np.testing.assert_allclose(b.covariance[:, :3, :3], covariance, rtol=1e-5)
 
 
 @BOTH_ORDERS

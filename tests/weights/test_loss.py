@@ -5,7 +5,6 @@ import functools
 import numpy as np
 import pytest
 from checks import assert_near, close, diagonal
-from reference import weights as reference
 from weights.cases import (
     CASES,
     CONVENTIONS,
@@ -64,16 +63,6 @@ class TestLoss:
         mean, error = mean_and_error(losses(s, sampled(s, n, 25_000, n)))
         found = simulated(s, n)
         assert found.loss == pytest.approx(mean, abs=4 * np.hypot(error, found.loss_sigma))
-
-    @pytest.mark.parametrize("m", [1, 2, 3, 4])
-    @pytest.mark.parametrize("n", [8, 12, 40])
-    def test_of_equal_sensors(self, m, n):
-        s = [covariances(m, seed=m)[0]] * 2
-        found = simulated(s, n)
-        exact = reference.loss_of_equal_sensors(m, n - 1)
-        assert found.loss == pytest.approx(exact, abs=4 * found.loss_sigma)
-        first = weights.fusion_loss(s, n, method="first-order").loss
-        assert first == close((m + 1) / (2 * (n - 1)))
 
     @pytest.mark.parametrize("s", [(1.0, 1.0), (1.0, 10.0), (300.0, 1.0)])
     @pytest.mark.parametrize("n", [(8, 8), (6, 20), (40, 12), (200, 200)])

@@ -336,3 +336,14 @@ class TestUnits:
                 atol=UNITS * np.abs(expected[name]).max(),
                 err_msg=name,
             )
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", [8, 12, 40])
+def test_loss_of_equal_sensors(m, n):
+    s = [covariances(m, seed=m)[0]] * 2
+    found = weights.fusion_loss(s, n, method="monte-carlo", trials=100_000)
+    exact = reference.loss_of_equal_sensors(m, n - 1)
+    assert found.loss == pytest.approx(exact, abs=4 * found.loss_sigma)
+    first = weights.fusion_loss(s, n, method="first-order").loss
+    assert first == close((m + 1) / (2 * (n - 1)))

@@ -219,8 +219,9 @@ def _candidates(
         return truth.at(there, np.clip(when, truth.first[there], truth.last[there]))
 
     middle = at((low + high) / 2)
+    ends = (low, high) if low < high else ()
     moved = max(
-        np.max(np.linalg.norm(at(when) - middle, axis=-1), initial=0.0) for when in (low, high)
+        (np.max(np.linalg.norm(at(t) - middle, axis=-1), initial=0.0) for t in ends), default=0.0
     )
     # twice, for a path that is not straight
     row, index, _ = pairs_within(position, middle, limit + 2 * moved)

@@ -31,7 +31,10 @@ def identities_in(records: Records) -> list[str]:
 def identities_of(rows: pl.DataFrame) -> dict[str, Any]:
     """Return the kinds of identities that rows have, as `Plots` and `SensorTracks` take them."""
     columns: dict[str, Any] = {name: rows[name].to_numpy() for name in IDENTIFIED}
-    columns["callsign"] = rows["callsign"].fill_null(NO_CALLSIGN).to_numpy().astype(np.str_)
+    # not by fill_null, which takes longer than a stream has for the plots of an instant
+    columns["callsign"] = np.array(
+        [text or NO_CALLSIGN for text in rows["callsign"].to_list()], np.str_
+    )
     return {name: column for name, column in columns.items() if np.any(is_known(column))}
 
 

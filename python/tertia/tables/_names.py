@@ -136,6 +136,7 @@ def all_misspelt(keys: Sequence[str], there: Sequence[str]) -> list[str]:
     return found
 
 
+@lru_cache(maxsize=4096)
 def _alike(column: str, name: object) -> float:
     """Return the similarity of two names without units; above 1 if only the units differ."""
     one, other = (_UNIT.sub("", plain_name(text)) for text in (column, name))

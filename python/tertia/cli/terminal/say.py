@@ -100,9 +100,13 @@ def print_table(
     for name in table.columns:
         is_text = name in text
         out.add_column(Text(name), justify="left" if is_text else "right", no_wrap=not is_text)
-    for row in table.head(MAX_ROWS).iter_rows(named=True):
-        out.add_row(*map(Text, cells(row).values()))
     console = Console()
+    rows = [[*cells(row).values()] for row in table.head(MAX_ROWS).iter_rows(named=True)]
+    if not console.is_terminal and not any("\n" in cell for row in rows for cell in row):
+        # where no line is wrapped: one cell of many lines is printed much faster than many cells
+        rows = [["\n".join(column) for column in zip(*rows, strict=True)]] if rows else []
+    for row in rows:
+        out.add_row(*map(Text, row))
     width = Measurement.get(console, console.options.update(width=_UNLIMITED), out)
     # wrap lines on a terminal but not in a pipe, and never truncate them
     console.width = max(console.width, width.minimum) if console.is_terminal else width.maximum

@@ -1,0 +1,55 @@
+"""Paths and measurements for the tests of trajectories."""
+
+import numpy as np
+
+from tertia.sensors import Station
+
+PLACES = np.array([[1.0, 1000.0, 2.0], [2000.0, 300.0, 5.0], [400.0, 2600.0, 0.0]])
+SIGMA_R, SIGMA_A = 10.0, np.deg2rad(0.3)
+SIGMAS = {"range": SIGMA_R, "azimuth": SIGMA_A, "elevation": SIGMA_A}
+KINDS = tuple(SIGMAS)
+INSTANTS = np.arange(60.0)
+
+
+def network(places=PLACES, range_sigma=SIGMA_R):
+    """Return stations; places are (K, D) or, for moving ones, (N, K, D)."""
+    return [
+        Station(
+            places[..., k, :],
+            range_sigma=range_sigma,
+            azimuth_sigma=SIGMA_A,
+            elevation_sigma=SIGMA_A,
+        )
+        for k in np.arange(places.shape[-2])
+    ]
+
+
+def turn(times, rate=0.02, speed=15.0):
+    """Return a smooth turn: positions, velocities and accelerations."""
+    phase = rate * times
+    radius = speed / rate
+    east = radius * np.sin(phase), speed * np.cos(phase), -speed * rate * np.sin(phase)
+    north = -radius * np.cos(phase), speed * np.sin(phase), speed * rate * np.cos(phase)
+    up = 300 + 2 * times, 2 + 0 * times, 0 * times
+    states = [np.column_stack(axes) for axes in zip(east, north, up, strict=True)]
+    states[0] += [300, 1500 + radius, 0]
+    return tuple(states)
+
+
+def ideal(position, places=PLACES):
+    offset = position[:, np.newaxis] - places
+    return {
+        "range": np.linalg.norm(offset, axis=-1),
+        "azimuth": np.arctan2(offset[..., 0], offset[..., 1]),
+        "elevation": np.arctan2(offset[..., 2], np.hypot(offset[..., 0], offset[..., 1])),
+    }
+
+
+def measure(position, rng, places=PLACES, biases=None, range_sigma=SIGMA_R):
+    sigmas = {**SIGMAS, "range": range_sigma}
+    return {
+        kind: values
+        + sigmas[kind] * rng.standard_normal(values.shape)
+        + (0.0 if biases is None else biases[kind])
+        for kind, values in ideal(position, places).items()
+    }
