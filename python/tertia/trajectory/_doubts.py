@@ -63,8 +63,8 @@ def _contradicts_first(outlier: BoolArray, values: FloatArray) -> bool:
     at = KINDS.index("range_difference")
     measured = np.isfinite(values[:, at])
     several = np.count_nonzero(measured, axis=-1) > 1
-    wrong = np.all(outlier[:, at] | ~measured, axis=-1)
-    return bool(np.count_nonzero(wrong & several) > _MOST * max(np.count_nonzero(several), 1))
+    wrong = several & np.all(outlier[:, at] | ~measured, axis=-1)
+    return int(np.count_nonzero(wrong)) > _MOST * max(int(np.count_nonzero(several)), 1)
 
 
 def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:
