@@ -179,6 +179,32 @@ def test_the_first_receiver_of_differences_is_one_of_several(count, fault):
     assert np.mean(share) > 0.8
 
 
+@pytest.mark.parametrize("fault", ["drift", "position"])
+def test_five_receivers_that_nearly_agree_without_either_of_two(fault):
+    """Of seed 0, without the first or the second receiver; of seed 3, nearly without the first."""
+    for seed, wrong_one in ((0, 0), (0, 2), (3, 0), (3, 2)):
+        rng = np.random.default_rng(seed)
+        places = rng.uniform(-2e4, 2e4, (5, 2))
+        course = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.03, 60))
+        steps = 150.0 * np.column_stack([np.cos(course), np.sin(course)])
+        path = rng.uniform(-1.2e4, 1.2e4, 2) + np.cumsum(steps, axis=0)
+        arrivals = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+        arrivals += rng.normal(0, SIGMA, arrivals.shape)
+        if fault == "drift":
+            arrivals[:, wrong_one] += np.linspace(0, 600, 60)
+        else:
+            places[wrong_one] += [600, 800]
+        track = reconstruct(
+            [Station(place) for place in places],
+            4.0 * np.arange(60),
+            arrival_time=arrivals / LIGHT,
+            arrival_time_sigma=SIGMA / LIGHT,
+        )
+        assert track.outlier.arrival_time[:, wrong_one].all()
+        # five of these eight paths were wrong by 90 to 910 m
+        assert quality(track, path)[0] < 40.0
+
+
 def test_differences_are_arrivals():
     """The same path, whichever receiver is the first; each difference has the error of its two."""
     places, _, ranges = scene(3, 6)

@@ -35,10 +35,11 @@ const DISAGREE: f64 = 0.01;
 /// Share of the instants with at most the typical statistic, and what it is for measurements with noise alone.
 const MOST: f64 = 0.7;
 const EXPECTED: f64 = 1.0;
-/// Least ratio of the typical statistics without another column and without the wrong one, and that where even
-/// without the wrong one the others do not agree, as with many outliers or large systematic errors.
-const CLEARER: f64 = 10.0;
-const FAR_CLEARER: f64 = 1e3;
+/// Least ratios of the typical statistics without another column and without the wrong one: where the others
+/// agree without the wrong one, where they nearly do, and where they do not, as with many outliers or large
+/// systematic errors. The limits of the statistic are those between the three.
+const CLEARER: [f64; 3] = [5.0, 10.0, 1e3];
+const AGREE: f64 = 2.0;
 const MODERATE: f64 = 4.0;
 /// Ratio of the typical statistics below which constant errors explain the measurements better, and information,
 /// relative to the largest one, from which constants are determined.
@@ -197,7 +198,8 @@ fn disagree(fixes: &Fixes) -> bool {
 }
 
 /// Returns the column without which all others agree much better than without any other one, if there is one,
-/// its errors change, and constant errors of all columns do not explain the measurements better.
+/// its errors change, and constant errors of all columns do not explain the measurements better. If all others
+/// agree, they may do so without a second column, too.
 fn disturbing<const D: usize>(
     record: &Record<'_>,
     systematic: &Systematic,
@@ -219,9 +221,11 @@ fn disturbing<const D: usize>(
     };
     let mut all: Vec<(f64, usize)> = columns(record).map(|column| (left(column), column)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let [(least, column), (next, _), ..] = all[..] else { return None };
-    let clearer = if least > MODERATE { FAR_CLEARER } else { CLEARER };
-    if least == f64::INFINITY || next < clearer * least.max(EXPECTED) {
+    let [(least, column), (next, _), (third, _), ..] = all[..] else { return None };
+    let clearer = CLEARER[usize::from(least > AGREE) + usize::from(least > MODERATE)];
+    // one of two columns is left out rather than none
+    let other = if least > AGREE { next } else { third };
+    if least == f64::INFINITY || other < clearer * least.max(EXPECTED) {
         return None;
     }
     let constant = typical(left_by_constants::<D>(record, &located(record.values)).into_iter());
