@@ -6,7 +6,7 @@ WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
 DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as names; print(*names)
-# files with tests that compare with the reference in NumPy
+# files of tests that compare with the reference in NumPy; `tests/compared.py` finds these tests
 COMPARED = $(shell grep -lrE '^(from|import) reference' tests --include='test_*.py')
 
 .PHONY: demo test test-rust test-python test-examples test-stubs test-baseline lint lint-rust lint-python

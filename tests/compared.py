@@ -1,48 +1,61 @@
 """Which tests compare with the reference in NumPy."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import pytest
 
-REFERENCE = "reference"
+TESTS = Path(__file__).parent
+REFERENCE = TESTS / "reference"
 
 
 def is_compared(item: pytest.Item) -> bool:
-    """Whether a test uses the reference, itself or by functions of its module."""
+    """Whether a test uses the reference, itself or by functions of the tests."""
     if not isinstance(item, pytest.Function):
         return False
     seen: set[CodeType] = set()
     parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
-    return any(uses(value, seen) for value in (item.function, *parameters))
+    methods = (getattr(item.cls, name, None) for name in names_in(item.function))
+    return any(uses(value, seen) for value in (item.function, *parameters, *methods))
 
 
 def uses(value: Any, seen: set[CodeType]) -> bool:
     """Whether a value is of the reference, or is or contains a function that uses it."""
-    module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", "")
-    if str(module).split(".", maxsplit=1)[0] == REFERENCE:
-        return True
     if isinstance(value, dict):
         return any(uses(one, seen) for one in value.values())
+    if isinstance(value, type):
+        return uses([one for one in vars(value).values() if isinstance(one, FunctionType)], seen)
     if isinstance(value, list | tuple):
         return any(uses(one, seen) for one in value)
     function = getattr(value, "__wrapped__", value)
     if not isinstance(function, FunctionType) or function.__code__ in seen:
         return False
-    seen.add(function.__code__)
-    names = {name for code in codes(function.__code__) for name in code.co_names}
-    used = (function.__globals__.get(name) for name in names)
-    # functions of other modules, as of the library, are not searched
-    return any(uses(one, seen) for one in used if is_own(one, function))
-
-
-def is_own(value: Any, function: FunctionType) -> bool:
-    """Whether a value is a function of the same module, something of the reference, or a list."""
-    if isinstance(value, ModuleType | dict | list | tuple):
+    code = function.__code__
+    seen.add(code)
+    place = Path(code.co_filename)
+    if place.is_relative_to(REFERENCE):
         return True
-    module = str(getattr(value, "__module__", ""))
-    return module == function.__module__ or module.split(".", maxsplit=1)[0] == REFERENCE
+    # functions of the library are not searched
+    return place.is_relative_to(TESTS) and any(uses(one, seen) for one in named(function))
+
+
+def named(function: FunctionType) -> Iterator[Any]:
+    """Yield what a function may use by its name, also as a part of a module."""
+    names = names_in(function)
+    for name in names:
+        value = function.__globals__.get(name)
+        if isinstance(value, ModuleType):
+            if Path(getattr(value, "__file__", None) or "").is_relative_to(TESTS):
+                yield from (getattr(value, part, None) for part in names)
+        else:
+            yield value
+
+
+def names_in(function: FunctionType) -> set[str]:
+    """Return the names that a function reads."""
+    return {name for code in codes(function.__code__) for name in code.co_names}
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:

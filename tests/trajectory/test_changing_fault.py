@@ -179,6 +179,41 @@ def test_the_first_receiver_of_differences_is_one_of_several(count, fault):
     assert np.mean(share) > 0.8
 
 
+def test_differences_that_contradict_ranges_are_not_the_fault_of_the_first():
+    places, path, ranges = scene(2, 6)
+    # a warning would be an error
+    track = reconstruct(
+        stations(places),
+        TIME,
+        range=ranges,
+        range_difference=ranges[:, :1] - ranges[:, 1:],
+        range_difference_sigma=SIGMA * np.sqrt(2),
+    )
+    assert track.outlier.range_difference.mean() > 0.9
+    assert quality(track, path)[0] < 10.0
+
+
+def test_sigmas_of_single_differences():
+    """Every third instant is ten times as accurate: below the usual error of the first receiver."""
+    figures = []
+    for seed in range(4):
+        places, path, ranges = scene(seed, 6)
+        exact = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+        factor = np.where(np.arange(TIME.size) % 3 == 0, 0.1, 1.0)[:, np.newaxis]
+        received = exact + factor * (ranges - exact)
+        track = reconstruct(
+            [Station(place) for place in places],
+            TIME,
+            range_difference=received[:, 1:] - received[:, :1],
+            range_difference_sigma=SIGMA * np.sqrt(2) * np.repeat(factor, 5, axis=1),
+        )
+        assert np.mean(track.outlier.range_difference[::3]) < 0.2
+        figures.append(quality(track, path))
+    rmse, share = np.transpose(figures)
+    assert np.mean(rmse) < 3.0
+    assert np.mean(share) > 0.85
+
+
 @pytest.mark.parametrize("fault", ["drift", "position"])
 def test_five_receivers_that_nearly_agree_without_either_of_two(fault):
     """Of seed 0, without the first or the second receiver; of seed 3, nearly without the first."""

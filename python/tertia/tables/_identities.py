@@ -31,7 +31,7 @@ def identities_in(records: Records) -> list[str]:
 def identities_of(rows: pl.DataFrame) -> dict[str, Any]:
     """Return the kinds of identities that rows have, as `Plots` and `SensorTracks` take them."""
     columns: dict[str, Any] = {name: rows[name].to_numpy() for name in IDENTIFIED}
-    # not by fill_null, which takes longer than a stream has for the plots of an instant
+    # faster than fill_null, above all for the few rows of a stream
     columns["callsign"] = np.array(
         [text or NO_CALLSIGN for text in rows["callsign"].to_list()], np.str_
     )

@@ -59,12 +59,14 @@ def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = Fal
 
 
 def _contradicts_first(outlier: BoolArray, values: FloatArray) -> bool:
-    """Whether all range differences of most instants are outliers, by the first station."""
+    """Whether the first station is what is wrong with the range differences of most instants."""
     at = KINDS.index("range_difference")
-    measured = np.isfinite(values[:, at])
-    several = np.count_nonzero(measured, axis=-1) > 1
-    wrong = several & np.all(outlier[:, at] | ~measured, axis=-1)
-    return int(np.count_nonzero(wrong)) > _MOST * max(int(np.count_nonzero(several)), 1)
+    known = np.any(np.isfinite(values[:, at]), axis=-1)
+    if np.any(np.isfinite(np.delete(values, at, axis=1))):
+        # the differences may contradict the other measurements
+        return False
+    # only the core marks the column of the first station, which has no differences
+    return int(np.count_nonzero(outlier[:, at, 0])) > _MOST * int(np.count_nonzero(known))
 
 
 def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:

@@ -226,8 +226,8 @@ def reconstruct(
     excluded. The larger the systematic errors, the wider are the limits beyond which a measurement
     is a fault.
 
-    **Range differences** are arrivals, with 0 for the first station, which is then one like any
-    other. A range difference is an outlier if either of its stations is wrong.
+    **Range differences** that share the error of the first station are arrivals, with 0 for that
+    station. A range difference is an outlier if either of its stations is wrong.
 
     The time of emission of each instant is an additional unknown, without a prior. Arrivals are
     therefore used relative to their common part, which is the weighted median of the arrivals that

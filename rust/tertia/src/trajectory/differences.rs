@@ -22,10 +22,8 @@ impl Received {
     /// Converts range differences; none if there are none that have an error in common.
     pub fn of(record: &Record<'_>, systematic: &Systematic) -> Option<Self> {
         let [differences, arrivals] = columns(record.receivers());
-        let measured = seen(record, &[Kind::RangeDifference as usize]);
-        let least = measured.iter().map(|at| record.sigmas[*at]).reduce(f64::min)?;
-        let (common, width) = (record.correlation * least * least, record.width());
-        if common == 0.0 {
+        let width = record.width();
+        if record.correlation == 0.0 || seen(record, &[Kind::RangeDifference as usize]).is_empty() {
             return None;
         }
         let mut values = record.values.to_vec();
@@ -38,6 +36,8 @@ impl Received {
         let converted = |sigmas: &[f64]| {
             let mut rows = sigmas.to_vec();
             for row in rows.chunks_exact_mut(width) {
+                let least = row[differences.clone()].iter().copied().fold(f64::NAN, f64::min);
+                let common = record.correlation * least * least;
                 for (own, difference) in arrivals.clone().zip(differences.clone()) {
                     row[own] = (row[difference] * row[difference] - common).sqrt();
                 }
@@ -67,7 +67,7 @@ impl Received {
     }
 
     /// Converts results for arrivals to those for range differences. A difference is an outlier if either of
-    /// its arrivals is one.
+    /// its arrivals is one. The column of the first receiver states whether it is wrong, but not all others.
     pub fn restored(&self, record: &Record<'_>, mut found: Trajectory) -> Trajectory {
         let [differences, arrivals] = columns(record.receivers());
         let fixes = &mut found.fixes;
@@ -90,9 +90,16 @@ impl Received {
                 .zip(record.values.chunks_exact(record.width()))
             {
                 let first = row[arrivals.start];
+                let is_right = |at: &usize| {
+                    !values[*at].is_nan() && !row[arrivals.start + at - differences.start]
+                };
+                // one alone always agrees with the emission
+                let alone = first && differences.clone().skip(1).filter(is_right).count() > 1;
                 for (at, arrival) in differences.clone().zip(arrivals.clone()) {
                     row[at] = !values[at].is_nan() && (first || row[arrival]);
                 }
+                // the column of the first receiver, which has no differences
+                row[differences.start] = alone;
                 row[arrivals.clone()].fill(false);
             }
         }
