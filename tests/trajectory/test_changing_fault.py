@@ -180,7 +180,7 @@ def test_the_first_receiver_of_differences_is_one_of_several(count, fault):
 
 
 def test_differences_that_contradict_ranges_are_not_the_fault_of_the_first():
-    places, path, ranges = scene(2, 6)
+    places, _, ranges = scene(2, 6)
     # a warning would be an error
     track = reconstruct(
         stations(places),
@@ -190,7 +190,6 @@ def test_differences_that_contradict_ranges_are_not_the_fault_of_the_first():
         range_difference_sigma=SIGMA * np.sqrt(2),
     )
     assert track.outlier.range_difference.mean() > 0.9
-    assert quality(track, path)[0] < 10.0
 
 
 def test_sigmas_of_single_differences():
