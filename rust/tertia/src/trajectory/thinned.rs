@@ -165,28 +165,81 @@ fn columns(record: &Record<'_>) -> impl Iterator<Item = usize> {
 }
 
 /// Returns the columns that are outliers at nearly all of the instants that have enough other measurements.
+/// Wrong arrivals always agree with the emission that one or another of them determines, so they are judged
+/// together where measurements of other kinds determine the positions.
 fn outside<const D: usize>(
     record: &Record<'_>,
     systematic: &Systematic,
     fixes: &Fixes,
 ) -> Vec<usize> {
-    let width = record.width();
-    let outliers =
-        |t: usize| fixes.outlier[t * width..][..width].iter().filter(|outlier| **outlier).count();
-    let left = |t: usize| fixes.fixes[t].degrees_of_freedom - outliers(t) as i64;
-    let is_sure = |t: &usize| fixes.is_located(*t) && left(*t) >= REDUNDANT;
-    let sure: Vec<usize> = (0..record.len()).filter(is_sure).collect();
-    let is_wrong = |&column: &usize| {
-        let known = |t: usize| !record.values[t * width + column].is_nan();
-        let own: Vec<usize> = sure.iter().copied().filter(|t| known(*t)).collect();
-        let errors = errors(record, systematic, column, &fixes.residual, own.iter());
-        let outside = errors.iter().filter(|error| error.abs() > TUKEY).count();
-        own.len() >= ENOUGH
-            && 2 * own.len() >= (0..record.len()).filter(|t| known(*t)).count()
-            && outside as f64 >= SHARE * own.len() as f64
-            && changes(errors)
+    let sure = Sure::of(record, systematic, fixes);
+    let (arrivals, others): (Vec<usize>, Vec<usize>) =
+        columns(record).partition(|column| *column >= Kind::Arrival as usize * record.receivers());
+    let all = sure.are_determined_by::<D>(&others) && sure.arrivals_are_wrong(&arrivals);
+    let is_wrong = |column: &usize| {
+        (all && arrivals.contains(column))
+            || sure.errors(*column).is_some_and(|own| are_wrong(&own, own.len()))
     };
     columns(record).filter(is_wrong).collect()
+}
+
+/// Whether errors that change are outside at nearly all of so many measurements.
+fn are_wrong(errors: &[f64], count: usize) -> bool {
+    let outside = errors.iter().filter(|error| error.abs() > TUKEY).count();
+    count > 0 && outside as f64 >= SHARE * count as f64 && changes(errors.to_vec())
+}
+
+/// Instants whose positions are known without their outliers.
+struct Sure<'a> {
+    record: &'a Record<'a>,
+    systematic: &'a Systematic,
+    fixes: &'a Fixes,
+    instants: Vec<usize>,
+}
+
+impl<'a> Sure<'a> {
+    fn of(record: &'a Record<'a>, systematic: &'a Systematic, fixes: &'a Fixes) -> Self {
+        let outliers = |t: usize| {
+            let own = &fixes.outlier[t * record.width()..][..record.width()];
+            own.iter().filter(|outlier| **outlier).count()
+        };
+        let left = |t: usize| fixes.fixes[t].degrees_of_freedom - outliers(t) as i64;
+        let is_sure = |t: &usize| fixes.is_located(*t) && left(*t) >= REDUNDANT;
+        let instants = (0..record.len()).filter(is_sure).collect();
+        Self { record, systematic, fixes, instants }
+    }
+
+    fn is_measured(&self, t: usize, column: usize) -> bool {
+        !self.record.values[t * self.record.width() + column].is_nan()
+    }
+
+    /// Errors of a column in standard deviations; none if most of its measurements are at other instants.
+    fn errors(&self, column: usize) -> Option<Vec<f64>> {
+        let measured = |t: &usize| self.is_measured(*t, column);
+        let own: Vec<usize> = self.instants.iter().copied().filter(measured).collect();
+        let all = (0..self.record.len()).filter(measured).count();
+        let is_enough = own.len() >= ENOUGH && 2 * own.len() >= all;
+        is_enough
+            .then(|| errors(self.record, self.systematic, column, &self.fixes.residual, own.iter()))
+    }
+
+    /// Whether at most instants these columns determine the position without any other one.
+    fn are_determined_by<const D: usize>(&self, columns: &[usize]) -> bool {
+        let agrees = |t: usize, column: usize| {
+            self.is_measured(t, column) && !self.fixes.outlier[t * self.record.width() + column]
+        };
+        let suffice = |t: &&usize| columns.iter().filter(|own| agrees(**t, **own)).count() > D;
+        2 * self.instants.iter().filter(suffice).count() > self.instants.len()
+    }
+
+    /// Whether nearly all arrivals are outside, but for those that determine the emissions.
+    fn arrivals_are_wrong(&self, arrivals: &[usize]) -> bool {
+        let errors: Vec<f64> =
+            arrivals.iter().filter_map(|own| self.errors(*own)).flatten().collect();
+        let determines = |t: &&usize| arrivals.iter().any(|own| self.is_measured(**t, *own));
+        let emissions = self.instants.iter().filter(determines).count();
+        are_wrong(&errors, errors.len().saturating_sub(emissions))
+    }
 }
 
 /// Whether the redundant measurements of most instants contradict each other.
