@@ -6,6 +6,8 @@ WHEEL := dist/.installed
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust python -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.html' -o -name Cargo.toml)
 
 DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as names; print(*names)
+# file by file on all cores, in the order of `tests/conftest.py`
+SPREAD := -n auto --dist loadscope --no-loadscope-reorder
 # files of tests that compare with the reference in NumPy; `tests/compared.py` finds these tests
 COMPARED = $(shell grep -lrE '^(from|import) reference' tests --include='test_*.py')
 
@@ -42,7 +44,7 @@ test-rust:
 	cargo test --workspace
 
 test-python: $(WHEEL) $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist loadscope
+	$(BIN)/python -m pytest $(SPREAD)
 
 test-examples: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia --ignore-glob="*/interop/traffic.py"
@@ -53,7 +55,7 @@ test-stubs: $(WHEEL) $(VENV)/.test
 # once more what compares with NumPy, with its vector loops switched off: no test depends on rounding
 test-baseline: $(WHEEL) $(VENV)/.test
 	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(DISPATCHED)')" OPENBLAS_CORETYPE=Nehalem \
-		$(BIN)/python -m pytest -n auto --dist loadscope -m "compared and not slow" $(COMPARED)
+		$(BIN)/python -m pytest $(SPREAD) -m "compared and not slow" $(COMPARED)
 
 lint: lint-rust lint-python docs
 
@@ -62,7 +64,7 @@ lint-rust:
 	cargo clippy --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 
-lint-python: $(WHEEL) $(VENV)/.test
+lint-python: $(VENV)/.test
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy python docs examples

@@ -19,6 +19,8 @@ settings.load_profile("tertia")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    # a file that takes long would otherwise be left for one core in the end
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
     for item in filter(is_compared, items):
         item.add_marker(pytest.mark.compared)
 

@@ -105,6 +105,7 @@ def sensors(count: int, bias: Bias | None = None) -> list[Radar]:
 class Seen:
     """Plots of one radar, flight by flight in order of time, with and without systematic errors."""
 
+    flown: Flown
     time: FloatArray
     flight: IntArray
     range: FloatArray
@@ -128,7 +129,7 @@ def seen(of: Flown, radar: Radar, off: tuple[float, float], rng: np.random.Gener
     offset = of.at(flight, time)[0] - np.asarray(radar.position)[:2]
     noise = rng.standard_normal((2, len(time)))
     rho = np.hypot(*offset.T) + radar.range_sigma * noise[0]
-    return Seen(time, flight, rho, np.arctan2(*offset.T) + radar.azimuth_sigma * noise[1], off)
+    return Seen(of, time, flight, rho, np.arctan2(*offset.T) + radar.azimuth_sigma * noise[1], off)
 
 
 # a source makes tracks from the plots of a radar
@@ -274,6 +275,36 @@ def periodic(interval: float = 4.0) -> Source:
     return source
 
 
+def navigation(duration: float) -> Source:
+    """Return a source of positions as accurate as plots, whose errors last, and of velocities."""
+
+    def source(plots: Seen, radar: Radar, sensor: int) -> SensorTracks:
+        rng = np.random.default_rng([SEED, 1, sensor, len(plots.time)])
+        place = np.asarray(radar.position)[:2]
+        position, velocity = plots.flown.at(plots.flight, plots.time)
+        offset = position - place
+        rho, azimuth = np.hypot(*offset.T) + plots.off[0], np.arctan2(*offset.T) + plots.off[1]
+        noise = noise_of(radar, offset)
+        fresh = rng.standard_normal(offset.shape)
+        error = fresh.copy()
+        for i in np.flatnonzero(np.diff(plots.flight) == 0) + 1:
+            rest = np.exp((plots.time[i - 1] - plots.time[i]) / duration)
+            error[i] = rest * error[i - 1] + np.sqrt(1 - rest**2) * fresh[i]
+        offset = np.column_stack([rho * np.sin(azimuth), rho * np.cos(azimuth)])
+        covariance = np.zeros((len(error), 4, 4))
+        covariance[:, :2, :2], covariance[:, 2:, 2:] = noise, np.eye(2)
+        return SensorTracks(
+            plots.time,
+            sensor,
+            plots.flight + 1,
+            place + offset + np.einsum("nij,nj->ni", np.linalg.cholesky(noise), error),
+            velocity + rng.standard_normal(velocity.shape),
+            covariance=covariance,
+        )
+
+    return source
+
+
 SOURCES: dict[str, Source] = {
     "Tertia's tracker": own_tracker,
     "Kalman filter, 1 m²/s³": kalman(),
@@ -283,6 +314,7 @@ SOURCES: dict[str, Source] = {
     "α-β filter, one σ stated": alpha_beta(),
     "α-β filter, nothing stated": alpha_beta(stated=False),
     "Kalman filter, system tracks every 4 s": periodic(),
+    "navigation, errors last 60 s": navigation(60.0),
 }
 
 

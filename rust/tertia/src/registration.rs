@@ -7,6 +7,8 @@
 //! | `noise` | standard deviations of range and azimuth over time, from these mean squares | O(N log N) |
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
 //! | `sighting`, `block` | information of plots of one target by several radars about errors | O(n K²) |
+//! | `clusters` | by how much blocks overstate what is known, as errors of a target last | O(q³) a target |
+//! | `sums` | information of many blocks | O(q²) a block |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `gaussian` | estimates of the errors with their covariance, and how they drift | O(K³) |
@@ -23,6 +25,7 @@ mod alarm;
 mod block;
 mod calibration;
 mod change;
+mod clusters;
 mod common;
 mod correction;
 mod exchange;
@@ -39,6 +42,7 @@ mod row;
 mod settled;
 mod sighting;
 mod start;
+mod sums;
 mod vote;
 mod watch;
 

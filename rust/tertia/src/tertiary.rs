@@ -2,7 +2,7 @@
 //! 1988). The tracks are extrapolated to one instant, corrected for the systematic errors of their sensors,
 //! compared in pairs, grouped into targets that keep their numbers, and fused.
 //!
-//! `row, gain <- tracklet; row <- bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule;
+//! `row, gain <- tracklet; lasting <- filtered, target; row <- bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule;
 //! pairs, row <- target, shadow, filtered <- member <- centre`.
 //!
 //! A cycle costs O(tracks) plus the cost of all pairs of tracks within 8 km; memory is O(tracks + pairs).
@@ -13,6 +13,7 @@ mod compare;
 mod filtered;
 mod gain;
 mod groups;
+mod lasting;
 mod member;
 mod near;
 mod pairs;

@@ -66,6 +66,13 @@ impl Gaussian {
         0.5 * (&covariance + covariance.transpose())
     }
 
+    /// Multiplies the information beyond that of the prior by a factor. Cost O(q³).
+    pub fn scale(&mut self, factor: f64) {
+        if let Some(covariance) = scaled(&self.covariance, factor) {
+            self.covariance = covariance;
+        }
+    }
+
     /// Updates the estimate by normal equations about errors of zero. Cost O(q³).
     pub fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
         let order = self.mean.len();
@@ -75,6 +82,16 @@ impl Gaussian {
         self.covariance = 0.5 * (&covariance + covariance.transpose());
         self.mean += &self.covariance * (score - information * &self.mean);
     }
+}
+
+/// Returns the covariance, in units of the prior, with the information beyond that of the prior times a factor.
+/// None if some error is less certain than the prior says, and there is no such information.
+pub(super) fn scaled(covariance: &DMatrix<f64>, factor: f64) -> Option<DMatrix<f64>> {
+    let order = covariance.nrows();
+    // (1 + f (P⁻¹ − 1))⁻¹ = (f + (1 − f) P)⁻¹ P
+    let sum = DMatrix::from_diagonal_element(order, order, factor) + (1.0 - factor) * covariance;
+    let product = sum.cholesky()?.inverse() * covariance;
+    Some(0.5 * (&product + product.transpose()))
 }
 
 #[cfg(test)]
@@ -131,6 +148,21 @@ mod tests {
             ..Gaussian::new(vec![0.0; 2])
         };
         assert_eq!(errors.relaxed(&[0, 0]), errors.covariance);
+    }
+
+    #[test]
+    fn information_is_scaled() {
+        let (before, mut after) = (seen(), seen());
+        after.scale(0.25);
+        let data = |own: &Gaussian| {
+            own.covariance.clone().try_inverse().unwrap() - DMatrix::identity(2, 2)
+        };
+        for (found, before) in data(&after).iter().zip(data(&before).iter()) {
+            assert!((found - 0.25 * before).abs() < 1e-12);
+        }
+        after.scale(4.0);
+        assert!((&after.covariance - &before.covariance).amax() < 1e-12);
+        assert_eq!(after.mean, before.mean);
     }
 
     #[test]

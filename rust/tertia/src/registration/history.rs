@@ -25,6 +25,13 @@ pub(super) struct Said {
     pub score: DVector<f64>,
 }
 
+impl Said {
+    /// Divides the information and the score.
+    pub fn divided(self, by: f64) -> Self {
+        Self { information: self.information / by, score: self.score / by }
+    }
+}
+
 /// Estimated errors of all periods.
 pub(super) struct History {
     /// Mean and covariance in each period.

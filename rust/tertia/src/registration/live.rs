@@ -5,12 +5,13 @@
 //! targets.
 
 use super::alarm::Alarm;
-use super::block::{Known, Unknowns};
-use super::change::{Scan, changed};
+use super::block::Unknowns;
+use super::change::Scan;
+use super::clusters::Clusters;
 use super::exchange::{Update, Updates};
 use super::followed::{Blocks, Followed};
 use super::gaussian::Gaussian;
-use super::recording::{STATED, Sums, TargetPlot, Ways, for_each, numbered, scans};
+use super::recording::{STATED, TargetPlot, believed, for_each, numbered, scans};
 use super::roster::Roster;
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 mod learn;
+mod step;
 
 /// Largest change at once of the clock error by which plots of a radar are corrected, in scans: larger ones
 /// would put plots before those that were already tracked.
@@ -61,6 +63,9 @@ pub struct Registrar {
     start: Vec<Errors>,
     /// Estimate of the differences from these means, in units of the prior.
     known: Gaussian,
+    clusters: Clusters,
+    /// Factor by which blocks overstate what is known of the errors.
+    excess: f64,
     /// Clock errors by which plots are corrected, s.
     clocks: Vec<f64>,
     factor: Vec<[f64; 2]>,
@@ -104,6 +109,8 @@ impl Registrar {
             sigma,
             start,
             known: Gaussian::new(rates),
+            clusters: Clusters::default(),
+            excess: 1.0,
             factor: vec![[1.0; 2]; k],
             squares: vec![[0.0; 2]; k],
             redundancy: vec![[0.0; 2]; k],
@@ -254,8 +261,13 @@ impl Registrar {
 
     /// Returns the estimated noise of a radar.
     fn own_noise(&self, k: usize) -> [f64; 2] {
-        let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
+        let (radar, [range, azimuth]) = (&self.radars[k], self.believed(k));
         [radar.range_sigma * range, radar.azimuth_sigma * azimuth]
+    }
+
+    /// Returns estimated over stated noise of a radar as far as it is believed.
+    fn believed(&self, k: usize) -> [f64; 2] {
+        believed(self.factor[k], self.excess)
     }
 
     fn unknowns(&self) -> Unknowns {
@@ -420,63 +432,9 @@ impl Registrar {
             // the open blocks may contain plots of other targets
             self.open.clear();
             self.recent.clear();
+            self.clusters.clear();
             self.changes.push((time, k));
         }
-    }
-
-    /// Updates the errors by the blocks of a scan.
-    fn step(&mut self, blocks: &[Vec<TargetPlot>], time: f64) {
-        let (order, unknowns) = (self.known.mean.len(), self.unknowns());
-        let mut sums = Sums::new(order, self.radars.len());
-        let errors = self.errors();
-        let mut known = Known::new(&self.known.covariance);
-        let ways = Ways { radars: &self.radars, slant: &self.slant };
-        for block in blocks {
-            sums.add(block, &ways, &unknowns, &errors, &self.factor, &mut known);
-        }
-        self.learn_noise(&sums);
-        if sums.blocks[0] == 0 || order == 0 {
-            return;
-        }
-        let information = sums.information - DMatrix::identity(order, order);
-        let score = sums.score + &information * &self.known.mean;
-        let (mean, covariance) = (self.known.mean.clone(), self.known.covariance.clone());
-        self.known.update(&information, &score);
-        self.recent.retain(|scan| time - scan.time <= CHANGE_TIME);
-        self.recent.push(Scan { time, information, score, mean, covariance });
-        self.find_change(time);
-    }
-
-    fn learn_noise(&mut self, sums: &Sums) {
-        for (k, factor) in self.factor.iter_mut().enumerate() {
-            for (axis, factor) in factor.iter_mut().enumerate() {
-                let (squares, free) = (&mut self.squares[k][axis], &mut self.redundancy[k][axis]);
-                *squares += *factor * *factor * sums.square[k][axis];
-                *free += sums.redundancy[k][axis];
-                if *free > MEMORY {
-                    *squares *= MEMORY / *free;
-                    *free = MEMORY;
-                }
-                *factor = super::recording::factor(*squares, *free);
-            }
-        }
-    }
-
-    /// Estimates the errors of a radar anew if they have changed within the last scans.
-    fn find_change(&mut self, time: f64) {
-        let mut own: Vec<Vec<usize>> = vec![Vec::new(); self.radars.len()];
-        for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));
-        let Some((from, radar)) = changed(&self.recent, &own, CHANGE) else { return };
-        let scans = std::mem::take(&mut self.recent);
-        self.known.mean = scans[from].mean.clone();
-        self.known.covariance = scans[from].covariance.clone();
-        for &column in &own[radar] {
-            self.known.covariance[(column, column)] += CHANGE * CHANGE;
-        }
-        for scan in &scans[from..] {
-            self.known.update(&scan.information, &scan.score);
-        }
-        self.changes.push((time, radar));
     }
 }
 

@@ -1,11 +1,12 @@
 //! Systematic errors of radars from a whole recording.
 
-use super::block::{Block, Known, Unknowns};
+use super::block::{Known, Unknowns};
+use super::clusters::Clusters;
+use super::gaussian::scaled;
 use super::history::{Course, History, Said};
 use super::noise::stretch_of;
-use super::parallax::{common_range, hide};
 use super::sighting::{ERRORS, Errors, Report, Sighting};
-use crate::base::distribution::chi_square_upper;
+use super::sums::Sums;
 use crate::base::interrupt::poll;
 use crate::sensors::Radar;
 use nalgebra::{DMatrix, DVector};
@@ -13,17 +14,6 @@ use serde::{Deserialize, Serialize};
 
 /// Duration of a block in scans of the slowest radar.
 const SCANS: f64 = 2.2;
-/// Acceleration of a target in a block, in straight flight and in a turn, m/s².
-const STRAIGHT: f64 = 0.3;
-const TURN: f64 = 4.0;
-/// Probability of a turn above which a block is taken for a turn.
-const TURNING: f64 = 0.3;
-/// A block with a smaller p-value contains a plot of another target, or the target moves in an unexpected
-/// way.
-const SIGNIFICANCE: f64 = 1e-3;
-/// Largest number of plots that are left out of a block, and their least residual in standard deviations.
-const LEFT_OUT: usize = 2;
-const OUTLIER: f64 = 3.5;
 /// Time for which errors of reported positions last, s.
 const LASTING: f64 = 300.0;
 /// Mean square of an unknown height relative to the largest squared height.
@@ -91,17 +81,6 @@ pub(super) struct Ways<'a> {
     pub slant: &'a [bool],
 }
 
-/// Sums over blocks.
-#[derive(Clone)]
-pub(super) struct Sums {
-    pub information: DMatrix<f64>,
-    pub score: DVector<f64>,
-    /// Squares of the residuals and their redundancy.
-    pub square: Vec<[f64; 2]>,
-    pub redundancy: Vec<[f64; 2]>,
-    pub blocks: [usize; 2],
-}
-
 /// Estimates the errors of radars from blocks of plots of one target. Ranges of a radar may be `slant` if no
 /// height is known. Errors that no block depends on keep their prior. Cost O(N log N + N K² + T K³) for N
 /// plots and T periods.
@@ -135,15 +114,17 @@ pub fn register(
     for _ in 0..ROUNDS {
         known.improve(&blocks, &ways, (&unknowns, prior.mean), &course);
     }
-    let Rounds { errors, covariances, changes, factor, sums } = known;
+    let Rounds { errors, covariances, changes, factor, sums, .. } = known;
+    let (redundancy, blocks) =
+        sums.map_or_else(Default::default, |own| (own.redundancy, own.blocks));
     Registered {
         sigmas: covariances.iter().map(|own| sigmas(own, &unknowns)).collect(),
         covariance: spread(&covariances[errors.len() - 1], &unknowns),
         errors,
         changes: apart(changes),
         factor,
-        redundancy: sums.redundancy,
-        blocks: sums.blocks,
+        redundancy,
+        blocks,
     }
 }
 
@@ -154,8 +135,10 @@ struct Rounds {
     covariances: Vec<DMatrix<f64>>,
     changes: Vec<(usize, usize)>,
     factor: Vec<[f64; 2]>,
-    /// Sums of the last round.
-    sums: Sums,
+    /// Factor by which blocks overstate what is known, as errors of targets last.
+    excess: f64,
+    /// Sums of the last round; none before the first one.
+    sums: Option<Sums>,
 }
 
 impl Rounds {
@@ -168,7 +151,8 @@ impl Rounds {
             covariances: vec![wide; start.len()],
             changes: Vec::new(),
             factor: vec![[1.0; 2]; radars],
-            sums: Sums::new(order, radars),
+            excess: 1.0,
+            sums: None,
         }
     }
 
@@ -180,19 +164,26 @@ impl Rounds {
         (unknowns, mean): (&Unknowns, &[Errors]),
         course: &Course<'_>,
     ) {
-        let radars = ways.radars.len();
-        let mut sums = vec![Sums::new(course.rates.len(), radars); self.errors.len()];
+        let (radars, order) = (ways.radars.len(), course.rates.len());
+        let mut sums = vec![Sums::new(order, radars); self.errors.len()];
         let mut known: Vec<Known<'_>> = self.covariances.iter().map(Known::new).collect();
+        let noise: Vec<_> = self.factor.iter().map(|own| believed(*own, self.excess)).collect();
+        let (mut clusters, still) = (Clusters::default(), DVector::zeros(order));
         for (t, block) in blocks {
             poll();
             let errors = &self.errors[*t];
-            sums[*t].add(block, ways, unknowns, errors, &self.factor, &mut known[*t]);
+            sums[*t].add(block, ways, unknowns, errors, &noise, &mut known[*t]);
+            clusters.add(&std::mem::take(&mut sums[*t].parts), &still, middle_of(block));
         }
-        self.sums = Sums::total(&sums, radars);
+        // in the first round, errors are not yet removed
+        if self.sums.is_some() {
+            self.widen(&clusters);
+        }
+        let total = Sums::total(&sums, radars);
         let said: Vec<Said> = sums
             .into_iter()
             .zip(&self.errors)
-            .map(|(sums, errors)| sums.said(errors, unknowns, mean))
+            .map(|(sums, errors)| sums.said(errors, unknowns, mean).divided(self.excess))
             .collect();
         let History { known, changes } = History::new(&said, course);
         for (own, (value, _)) in self.errors.iter_mut().zip(&known) {
@@ -202,129 +193,26 @@ impl Rounds {
         }
         self.covariances = known.into_iter().map(|(_, covariance)| covariance).collect();
         self.changes = changes;
-        for (k, factor) in self.factor.iter_mut().enumerate() {
-            for (axis, factor) in factor.iter_mut().enumerate() {
-                let Sums { square, redundancy, .. } = &self.sums;
-                *factor *= self::factor(square[k][axis], redundancy[k][axis]);
+        for (k, own) in self.factor.iter_mut().enumerate() {
+            for (axis, own) in own.iter_mut().enumerate() {
+                let found = factor(total.square[k][axis], total.redundancy[k][axis]);
+                *own = noise[k][axis] * found;
             }
         }
+        self.sums = Some(total);
+    }
+
+    /// Compares the blocks of each target with what they state together.
+    fn widen(&mut self, clusters: &Clusters) {
+        let mean = self.covariances.iter().sum::<DMatrix<f64>>() / self.covariances.len() as f64;
+        let excess = scaled(&mean, self.excess).and_then(|stated| clusters.excess(&stated));
+        self.excess = excess.unwrap_or(self.excess);
     }
 }
 
 /// Returns the middle of the times of the plots of a block.
 fn middle_of(block: &[TargetPlot]) -> f64 {
     f64::midpoint(block[0].report.time, block[block.len() - 1].report.time)
-}
-
-impl Sums {
-    pub fn new(order: usize, radars: usize) -> Self {
-        Self {
-            information: DMatrix::identity(order, order),
-            score: DVector::zeros(order),
-            square: vec![[0.0; 2]; radars],
-            redundancy: vec![[0.0; 2]; radars],
-            blocks: [0; 2],
-        }
-    }
-
-    /// Sums the squares, redundancies and numbers of blocks of several sums.
-    fn total(sums: &[Self], radars: usize) -> Self {
-        let mut total = Self::new(0, radars);
-        for own in sums {
-            for k in 0..radars {
-                for axis in 0..2 {
-                    total.square[k][axis] += own.square[k][axis];
-                    total.redundancy[k][axis] += own.redundancy[k][axis];
-                }
-            }
-            (0..2).for_each(|i| total.blocks[i] += own.blocks[i]);
-        }
-        total
-    }
-
-    /// Returns the information of blocks that were corrected for these errors, and their score about the
-    /// means of the prior.
-    fn said(self, errors: &[Errors], unknowns: &Unknowns, mean: &[Errors]) -> Said {
-        let order = self.score.len();
-        let mut removed = DVector::zeros(order);
-        for_each(unknowns, |k, j, column, sigma| {
-            removed[column] = (errors[k][j] - mean[k][j]) / sigma;
-        });
-        let information = self.information - DMatrix::identity(order, order);
-        Said { score: self.score + &information * removed, information }
-    }
-
-    /// Adds a block without the plots that do not fit.
-    pub fn add(
-        &mut self,
-        plots: &[TargetPlot],
-        ways: &Ways<'_>,
-        unknowns: &Unknowns,
-        errors: &[Errors],
-        factor: &[[f64; 2]],
-        known: &mut Known<'_>,
-    ) {
-        let turns = plots.iter().any(|plot| plot.turn_probability > TURNING);
-        let acceleration = if turns { TURN } else { STRAIGHT };
-        let mut sightings = ways.sightings(plots, errors, factor);
-        for left_out in 0..=LEFT_OUT {
-            let Some(block) = Block::new(&sightings, unknowns, acceleration) else { return };
-            let Some((step, misfit)) = block.fit(known) else { return };
-            let residuals = block.residuals(&step);
-            // the test is only needed for a misfit above its mean
-            let fits =
-                misfit <= block.free as f64 || chi_square_upper(misfit, block.free) >= SIGNIFICANCE;
-            if fits {
-                return self.take(block, (&sightings, unknowns), &residuals);
-            }
-            let off = residuals.iter().zip(&block.redundancy).map(|(own, free)| off(own, free));
-            let worst = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
-            match worst {
-                Some((i, off)) if left_out < LEFT_OUT && off > OUTLIER * OUTLIER => {
-                    sightings.remove(i);
-                }
-                _ => break,
-            }
-        }
-        self.blocks[1] += 1;
-    }
-
-    fn take(
-        &mut self,
-        mut block: Block,
-        (sightings, unknowns): (&[Sighting], &Unknowns),
-        residuals: &[[f64; 2]],
-    ) {
-        // the noise of plots beside positions, whose sigmas are enlarged, would be underestimated
-        let is_polar = sightings.iter().all(|one| !one.is_placed);
-        let parts = sightings.iter().zip(residuals.iter().zip(&block.redundancy));
-        for (one, (own, free)) in parts.filter(|_| is_polar) {
-            for axis in 0..2 {
-                self.square[one.radar][axis] += own[axis] * own[axis];
-                self.redundancy[one.radar][axis] += free[axis];
-            }
-        }
-        // a single radar gives no information about its errors
-        if sightings.iter().all(|one| one.radar == sightings[0].radar) {
-            return;
-        }
-        if let Some(common) = common_range(sightings, &block.columns, unknowns) {
-            hide(&mut block.information, &mut block.score, &common);
-        }
-        self.blocks[0] += 1;
-        for (i, &row) in block.columns.iter().enumerate() {
-            self.score[row] += block.score[i];
-            for (j, &column) in block.columns.iter().enumerate() {
-                self.information[(row, column)] += block.information[(i, j)];
-            }
-        }
-    }
-}
-
-/// Returns the larger squared residual of a plot over its redundancy.
-fn off(residuals: &[f64; 2], redundancy: &[f64; 2]) -> f64 {
-    let one = |axis: usize| residuals[axis] * residuals[axis] / redundancy[axis].max(1e-9);
-    one(0).max(one(1))
 }
 
 /// Numbers the unknown errors.
@@ -353,6 +241,12 @@ pub(super) fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, us
 /// Estimated over stated noise, from the squares of residuals and their redundancy.
 pub(super) fn factor(squares: f64, redundancy: f64) -> f64 {
     ((squares + STATED) / (redundancy + STATED)).sqrt()
+}
+
+/// Returns estimated over stated noise as far as it is believed. If errors of targets last, by this excess,
+/// noise within a block is only a part of what is stated.
+pub(super) fn believed(factor: [f64; 2], excess: f64) -> [f64; 2] {
+    factor.map(|own| if excess > 1.0 { own.max(1.0) } else { own })
 }
 
 /// Duration of a block, s.
@@ -387,7 +281,7 @@ fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
 impl Ways<'_> {
     /// Returns corrected plots in order of time. A plot without a height is placed at the mean height of the
     /// others or, if there is none, at an assumed height.
-    fn sightings(
+    pub fn sightings(
         &self,
         plots: &[TargetPlot],
         errors: &[Errors],

@@ -2,6 +2,7 @@
 
 use super::bias::{corrected, propagated, sensitivity};
 use super::groups::{Group, grouped};
+use super::lasting::Positions;
 use super::member::{FORGOTTEN, Member, take};
 use super::near::Sample;
 use super::pairs::{Known, Manual, Pairs, density, key};
@@ -333,10 +334,10 @@ impl Centre {
             .collect()
     }
 
-    /// Scan period of the slowest sensor of a group.
-    fn period(&self, group: &Group, samples: &[Sample]) -> f64 {
-        let periods = group.members.iter().map(|&i| samples[i].sensor);
-        periods.map(|k| self.settings.radars[k].scan_period).fold(0.0, f64::max)
+    /// Returns the positions behind the tracks of a group.
+    fn positions(&self, group: &Group, places: &[usize]) -> Vec<Positions> {
+        let members = group.members.iter().map(|&i| &self.members[places[i]]);
+        members.map(|own| own.positions(&self.settings.radars[own.last.sensor])).collect()
     }
 
     /// Whether several sensors see a target, or no other sensor should see it.
@@ -362,7 +363,7 @@ impl Centre {
         time: f64,
     ) -> Result<SystemTrack> {
         let estimate = match self.settings.rule {
-            Rule::Tracklets => target.at(time, self.period(group, samples)),
+            Rule::Tracklets => target.at(time, &self.positions(group, places)),
             _ => None,
         };
         let estimate = match estimate {

@@ -2,6 +2,7 @@
 
 use super::filtered::Filtered;
 use super::gain::Gain;
+use super::lasting::Positions;
 use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
@@ -192,9 +193,21 @@ impl Member {
 
     /// Returns position and velocity of the track at a time.
     pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
-        match &self.filtered {
-            Some(filtered) if self.is_foreign() => filtered.at(time),
-            _ => self.last.at(time, radar),
+        self.foreign_filter().map_or_else(|| self.last.at(time, radar), |own| own.at(time))
+    }
+
+    /// Returns the positions behind the track.
+    pub fn positions(&self, radar: &Radar) -> Positions {
+        let [x, y, ..] = self.last.state;
+        Positions {
+            lasting: self.foreign_filter().map_or(0.0, Filtered::lasting),
+            noise: radar.noise_at([x, y], self.last.above(radar)),
+            period: radar.scan_period,
         }
+    }
+
+    /// Returns Tertia's filter of the track if another filter made it.
+    fn foreign_filter(&self) -> Option<&Filtered> {
+        self.filtered.as_ref().filter(|_| self.is_foreign())
     }
 }

@@ -1,6 +1,7 @@
 //! A target of the picture, with its number, age and filter.
 
 use super::bias::propagated;
+use super::lasting::{Positions, lasting};
 use super::near::Sample;
 use super::pairs::Known;
 use super::row::Row;
@@ -10,6 +11,7 @@ use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
 use nalgebra::{Cholesky, SMatrix};
 use serde::{Deserialize, Serialize};
+use std::ops::AddAssign;
 
 /// Weight of the newest plot in the running mean of innovations, and the largest value that is used of one.
 const MEMORY: f64 = 0.3;
@@ -142,13 +144,16 @@ impl Target {
         learnt
     }
 
-    /// Returns position and velocity at a time.
-    pub fn at(&self, time: f64, period: f64) -> Option<Estimate<4>> {
+    /// Returns position and velocity at a time, from the positions of these tracks.
+    pub fn at(&self, time: f64, tracks: &[Positions]) -> Option<Estimate<4>> {
+        // that of the slowest sensor
+        let period = tracks.iter().map(|track| track.period).fold(0.0, f64::max);
         let mut follower = self.follower?;
         follower.predict(&ImmModel::default(), time, period);
         let mut estimate = follower.estimate();
         let surprise = self.surprise.max(1.0);
         estimate.covariance *= surprise;
+        estimate.covariance.fixed_view_mut::<2, 2>(0, 0).add_assign(lasting(tracks));
         // the sum may be indefinite if the known errors are older than the last row
         let whole = estimate.covariance + self.added;
         if Cholesky::new(whole).is_some() {

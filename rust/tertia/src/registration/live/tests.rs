@@ -1,5 +1,6 @@
 use super::*;
 use crate::registration::sighting::tests::{PRIOR, close, radar};
+use crate::registration::sums::Sums;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
 fn registrar() -> Registrar {
@@ -83,14 +84,14 @@ fn noise_fades() {
     registrar.squares = vec![[12.0, 60.0]];
     registrar.redundancy = vec![[8.0; 2]];
     let mut sums = Sums::new(4, 1);
-    registrar.learn_noise(&sums);
+    registrar.learn_noise(&sums, &registrar.factor.clone());
     close(registrar.factor[0][0], 1.105541596785);
     close(registrar.factor[0][1], 1.972026594367);
     // residuals are relative to the noise found
     let squares = |axis: usize, sum: f64| sum / registrar.factor[0][axis].powi(2);
     sums.square = vec![[squares(0, 200.0), squares(1, 300.0)]];
     sums.redundancy = vec![[150.0; 2]];
-    registrar.learn_noise(&sums);
+    registrar.learn_noise(&sums, &registrar.factor.clone());
     close(registrar.squares[0][0], 201.2658227848);
     close(registrar.squares[0][1], 341.7721518987);
     close(registrar.factor[0][0], 1.149091550924);
