@@ -95,6 +95,12 @@ def register(
     distribution: the plots of a single radar contain no information on its errors, and a clock
     error that all radars share cannot be estimated.
 
+    If the errors of single targets last, as those of transponders, the blocks of a target agree
+    with each other more than independent ones would. The information of all blocks is then divided
+    by the ratio of the squared sums of scores of each target to their expected value, as in
+    cluster-robust standard errors (Liang, Zeger 1986), and the noise is not assumed to be smaller
+    than stated.
+
     Tracks of single radars are compared first. This comparison finds errors of up to ten times
     their prior sigmas. The plots are then tracked with these errors removed. Tracking and
     estimation are repeated as long as the estimated errors still change.

@@ -157,6 +157,10 @@ class FusionCentre:
     tracks of the previous sensors have formed. A group is given the number of the target with which
     it has the most members in common.
 
+    Errors of positions that last from row to row, as those of inertial navigation, are recognised
+    by innovations that are smaller than the stated covariances explain. They are included in the
+    covariances, and the biases are then less certain.
+
     Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
     Campo 1986; Kalata 1984 (gains of filters).
 
