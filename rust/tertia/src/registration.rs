@@ -8,6 +8,7 @@
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
 //! | `sighting`, `block` | information of plots of one target by several radars about errors | O(n K²) |
 //! | `clusters` | by how much blocks overstate what is known, as errors of a target last | O(q³) a target |
+//! | `targets` | plots of targets, corrected and placed | O(n) |
 //! | `sums` | information of many blocks | O(q²) a block |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
@@ -43,6 +44,7 @@ mod settled;
 mod sighting;
 mod start;
 mod sums;
+mod targets;
 mod vote;
 mod watch;
 
@@ -53,8 +55,9 @@ pub use exchange::{Changed, Learnt, Other, Update, Updates};
 pub use lines::{Line, PolarPlot, lines};
 pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};
-pub use recording::{Periods, Prior, Registered, TargetPlot, register};
+pub use recording::{Periods, Prior, Registered, register};
 pub use row::{Row, Table};
 pub(crate) use settled::restrain;
 pub use sighting::{ERRORS, Errors, Place, Report};
 pub use start::{Alone, Start, start};
+pub use targets::TargetPlot;

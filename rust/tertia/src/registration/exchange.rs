@@ -1,6 +1,6 @@
 //! Data that a tracker and a registrar exchange.
 
-use super::recording::TargetPlot;
+use super::targets::TargetPlot;
 use crate::association::gate::{self, GUARD};
 use crate::base::plane::Plane;
 use std::sync::LazyLock;

@@ -4,8 +4,8 @@ use super::block::{Block, Known, Unknowns};
 use super::clusters::Part;
 use super::history::Said;
 use super::parallax::{common_range, hide};
-use super::recording::{TargetPlot, Ways, for_each};
 use super::sighting::{Errors, Sighting};
+use super::targets::{TargetPlot, Ways, for_each};
 use crate::base::distribution::chi_square_upper;
 use nalgebra::{DMatrix, DVector};
 

@@ -3,8 +3,9 @@
 use super::{CHANGE, CHANGE_TIME, MEMORY, Registrar};
 use crate::registration::block::Known;
 use crate::registration::change::{Scan, changed};
-use crate::registration::recording::{TargetPlot, Ways, factor, for_each};
+use crate::registration::recording::factor;
 use crate::registration::sums::Sums;
+use crate::registration::targets::{TargetPlot, Ways, for_each};
 use nalgebra::DMatrix;
 
 impl Registrar {

@@ -1,7 +1,7 @@
 //! Mistakes that are easily made with blocks: each of these tests fails if one of them is made.
 
 use super::*;
-use crate::registration::sighting::ERRORS;
+use crate::registration::sighting::Report;
 use crate::registration::sighting::tests::{PRIOR, radar};
 
 const NONE: [Errors; 2] = [[0.0; ERRORS]; 2];
