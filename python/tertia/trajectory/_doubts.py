@@ -46,6 +46,12 @@ _FIRST = (
 )
 
 
+_KIND = (
+    "all measurements of {} contradict the others and are left out: check their sign, unit and "
+    "reference"
+)
+
+
 def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = False) -> None:
     """Warn if a path found by the core from measurements, (N, 5, K), may be wrong.
 
@@ -55,7 +61,17 @@ def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = Fal
     if _contradicts_first(found["outlier"], values):
         warnings.warn(_FIRST, UserWarning, stacklevel=3)
         return
+    _warn_of_kinds(found["outlier"], values)
     _warn_if_few_agree(found["outlier"], values, timed=timed)
+
+
+def _warn_of_kinds(outlier: BoolArray, values: FloatArray) -> None:
+    """Warn of kinds of measurements of several stations that are all outliers."""
+    known = np.isfinite(values)
+    right = np.any(known & ~outlier, axis=(0, 2))
+    several = np.count_nonzero(np.any(known, axis=0), axis=1) > 1
+    for at in np.flatnonzero(several & ~right):
+        warnings.warn(_KIND.format(KINDS[at]), UserWarning, stacklevel=4)
 
 
 def _contradicts_first(outlier: BoolArray, values: FloatArray) -> bool:

@@ -190,7 +190,7 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
-        If more than half of the measurements, or of the heights, are left out.
+        If more than half of the measurements, or of the heights, or all of a kind are left out.
         If the path and its mirror image below the stations fit the measurements equally well, if no
         path above the stations fits, or if a path that crosses their plane would be smoother.
         If the path may cross a line or vertical plane of stations or turn back at it (see Notes).

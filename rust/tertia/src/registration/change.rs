@@ -1,5 +1,6 @@
 //! Detection of sudden changes of the errors of a radar by likelihood ratios.
 
+use super::gaussian::scaled;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,17 @@ pub(super) struct Scan {
     pub score: DVector<f64>,
     pub mean: DVector<f64>,
     pub covariance: DMatrix<f64>,
+}
+
+impl Scan {
+    /// Multiplies its information, and that from which the errors before it were estimated, by a factor.
+    pub fn scale(&mut self, factor: f64) {
+        self.information *= factor;
+        self.score *= factor;
+        if let Some(covariance) = scaled(&self.covariance, factor) {
+            self.covariance = covariance;
+        }
+    }
 }
 
 /// Discrepancy between new information about the errors and their estimate before it.
@@ -71,4 +83,33 @@ pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<
         }
     }
     best.map(|(_, from, radar)| (from, radar))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::gaussian::Gaussian;
+    use super::*;
+
+    /// Scaled information gives the scaled estimate of a scan.
+    #[test]
+    fn information_is_scaled_before_and_in_a_scan() {
+        let mut before = Gaussian::new(vec![0.0; 2]);
+        let information = DMatrix::from_row_slice(2, 2, &[3.0, 1.0, 1.0, 3.0]);
+        before.update(&information, &DVector::from_row_slice(&[2.0, -1.0]));
+        let mut scan = Scan {
+            time: 0.0,
+            information: DMatrix::from_row_slice(2, 2, &[5.0, -2.0, -2.0, 1.0]),
+            score: DVector::from_row_slice(&[1.0, 3.0]),
+            mean: before.mean.clone(),
+            covariance: before.covariance.clone(),
+        };
+        let mut after = before.clone();
+        after.update(&scan.information, &scan.score);
+        scan.scale(0.25);
+        let mut scaled_after = before;
+        scaled_after.covariance = scan.covariance.clone();
+        scaled_after.update(&scan.information, &scan.score);
+        let expected = scaled(&after.covariance, 0.25).unwrap();
+        assert!((scaled_after.covariance - expected).amax() < 1e-12);
+    }
 }

@@ -85,8 +85,8 @@ impl Cluster {
     }
 
     fn add(&mut self, part: &Part, step: &DVector<f64>, time: f64) {
-        let kept = ((self.time - time) / MEMORY).exp();
-        self.time = time;
+        let kept = ((self.time - time).min(0.0) / MEMORY).exp();
+        self.time = self.time.max(time);
         self.score *= kept;
         // the variance of a weighted sum of scores
         self.information *= kept * kept;

@@ -3,6 +3,7 @@
 use super::{CHANGE, CHANGE_TIME, MEMORY, Registrar};
 use crate::registration::block::Known;
 use crate::registration::change::{Scan, changed};
+use crate::registration::gaussian::scaled;
 use crate::registration::recording::factor;
 use crate::registration::sums::Sums;
 use crate::registration::targets::{TargetPlot, Ways, for_each};
@@ -31,20 +32,25 @@ impl Registrar {
         self.known.update(&information, &score);
         self.clusters.add(&sums.parts, &(&self.known.mean - &mean), time);
         self.clusters.forget(time);
-        self.widen();
         self.recent.retain(|scan| time - scan.time <= CHANGE_TIME);
         self.recent.push(Scan { time, information, score, mean, covariance });
+        self.widen();
         self.find_change(time);
     }
 
-    /// Compares the blocks of each target with what they state together.
+    /// Compares the blocks of each target with what they state together, and scales all information by the
+    /// change of the excess.
     fn widen(&mut self) {
-        let mut stated = self.known.clone();
-        stated.scale(self.excess);
-        if let Some(excess) = self.clusters.excess(&stated.covariance) {
-            self.known.scale(self.excess / excess);
-            self.excess = excess;
+        let Some(stated) = scaled(&self.known.covariance, self.excess) else { return };
+        let Some(excess) = self.clusters.excess(&stated).filter(|own| *own != self.excess) else {
+            return;
+        };
+        let factor = self.excess / excess;
+        self.known.scale(factor);
+        for scan in &mut self.recent {
+            scan.scale(factor);
         }
+        self.excess = excess;
     }
 
     /// Updates the noise by the residuals of blocks, in which this noise was assumed.
