@@ -64,6 +64,7 @@ from studies import (
     screening,
     sea_clutter,
     seams,
+    signal_strengths,
     smooth_tracks,
     smoothing,
     speed_changes,
@@ -302,6 +303,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "consistency": trajectory.consistency,
         "motions": trajectory.motions,
         "repeated": one_wrong.repeated,
+        "signal strengths": signal_strengths.signal_strengths,
     },
     "trajectory-systematic-errors.md": {
         "lasting": trajectory.lasting,

@@ -421,6 +421,7 @@ def reconstruct(
         propagation_speed_sigma=speed.sigma if speed.relative > 0 else None,
         wind=wind.mean,
         wind_covariance=wind.covariance,
+        relative_range_sigma=found["relative_range_sigma"],
         **fields_of(found),
     )
 

@@ -69,13 +69,18 @@ class Trajectory(Result):
         Estimated constant error of the heights in metres, which was subtracted, and the standard
         deviation of their remaining lasting error; nan if there is only one position, and None if
         no `height` was given.
+    relative_range_sigma : float or None
+        Standard deviation of large ranges, relative to the range, if the errors of ranges were
+        found to grow with the range, as those of ranges from signal strengths do. The trajectory
+        then follows from standard deviations that grow in this way and, where they fit better,
+        from errors of the logarithms of the ranges. None if the errors do not grow.
     """
 
     _rows: ClassVar = "time", 0
     _omitted: ClassVar = (
         *("bias", "smoothed", "fixes", "mirror_image"),
         *("propagation_speed", "propagation_speed_sigma", "wind", "wind_covariance"),
-        *("height_bias", "height_bias_sigma"),
+        *("height_bias", "height_bias_sigma", "relative_range_sigma"),
     )
 
     time: FloatArray
@@ -98,6 +103,7 @@ class Trajectory(Result):
     height_outlier: BoolArray | None = None
     height_bias: float | None = None
     height_bias_sigma: float | None = None
+    relative_range_sigma: float | None = None
 
     @property
     def sigma(self) -> FloatArray:

@@ -309,17 +309,26 @@ pub fn release<T: Send>(
 
 /// Does work on another thread, and checks for signals meanwhile.
 fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
-    let (flag, work, caller) = (Flag::default(), Mutex::new(Some(work)), thread::current());
+    let (mut work, mut done) = (Some(work), None);
+    watched(&mut || done = work.take().map(|work| work()))?;
+    Ok(done.expect("it is done once"))
+}
+
+/// Does work on another thread, and checks for signals meanwhile; compiled once for all kinds of work.
+fn watched(work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
+    let (flag, work, caller) = (Flag::default(), Mutex::new(work), thread::current());
     let run = || {
-        let work = work.lock().ok().and_then(|mut work| work.take()).expect("it is done once");
-        let done = flag.watch(work);
+        let mut work = work.lock().expect("nobody else does it");
+        flag.watch(&mut **work);
         caller.unpark();
-        done
     };
     thread::scope(|scope| {
         let builder = thread::Builder::new().stack_size(STACK);
         // if the system refuses a thread, this thread does the work
-        let Ok(worker) = builder.spawn_scoped(scope, run) else { return Ok(run()) };
+        let Ok(worker) = builder.spawn_scoped(scope, run) else {
+            run();
+            return Ok(());
+        };
         let mut signal = None;
         while !worker.is_finished() {
             thread::park_timeout(LOOKS);
@@ -330,7 +339,7 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
         }
         match (worker.join(), signal) {
             (_, Some(raised)) => Err(raised),
-            (Ok(done), None) => Ok(done),
+            (Ok(()), None) => Ok(()),
             (Err(panic), None) => resume_unwind(panic),
         }
     })

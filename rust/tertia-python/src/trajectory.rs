@@ -44,6 +44,7 @@ pub struct Reconstructed<'py> {
     is_behind: bool,
     may_cross: bool,
     is_doubtful: bool,
+    relative_range_sigma: Option<f64>,
 }
 
 /// Measurements of stations: positions (K, D) or (N, K, D), axes, standard deviations of the positions
@@ -284,6 +285,7 @@ impl<'py> Reconstructed<'py> {
             is_behind: found.is_behind,
             may_cross: found.may_cross,
             is_doubtful: found.is_doubtful,
+            relative_range_sigma: found.relative_range_sigma,
             height,
             image: found.image.map(|image| array(py, &[n, d], image)).transpose()?,
             mean: Some(array(py, &[n, states], found.mean)?),

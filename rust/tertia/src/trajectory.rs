@@ -31,6 +31,7 @@ mod motion;
 mod outliers;
 mod path;
 mod prior;
+mod ranges;
 mod result;
 mod series;
 mod sought;
@@ -60,6 +61,7 @@ use images::Side;
 use lasting::Lasting;
 use measured::{Measured, seen};
 use path::Path;
+use ranges::Proportional;
 use result::residuals;
 use std::rc::Rc;
 use thinned::Thinned;
@@ -71,13 +73,16 @@ const BESIDE: usize = 3;
 const LAST: usize = 20;
 /// Largest number of rounds in which biases are estimated.
 const ROUNDS: usize = 10;
+/// Largest number of times that a path is estimated with errors of ranges that grow with the range.
+const AGAIN: usize = 3;
 /// Distance by which the motion of a second search bends a path in the time of the record, relative to the
 /// distance between the stations. A motion that is too agile makes the covariance larger, one that is too
 /// smooth makes it wrong.
 const AGILE: f64 = 10.0;
 
 /// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
-/// estimated. Repeated measurements and columns that are wrong throughout are left out. N is 3 D.
+/// estimated. Repeated measurements and columns that are wrong throughout are left out. Where errors of ranges
+/// are found to grow with the range, the path is estimated again with standard deviations that grow. N is 3 D.
 ///
 /// # Errors
 /// No instant can be located, the measurements do not determine the biases, or no path was found that agrees
@@ -88,10 +93,28 @@ pub fn reconstruct<const D: usize, const N: usize>(
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
     let Some(thinned) = Thinned::without_repeats(record) else {
-        return as_arrivals::<D, N>(record, jerk, systematic);
+        return proportional::<D, N>(record, jerk, systematic);
     };
-    let found = as_arrivals::<D, N>(&thinned.record(record), jerk, systematic)?;
+    let found = proportional::<D, N>(&thinned.record(record), jerk, systematic)?;
     Ok(thinned.restored::<D, N>(record, found))
+}
+
+/// Reconstructs a path, again with standard deviations of ranges that grow with the range if their errors do.
+fn proportional<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    jerk: Option<f64>,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
+    let mut found = as_arrivals::<D, N>(record, jerk, systematic)?;
+    let mut last = None;
+    for _ in 0..AGAIN {
+        let Some(grown) = Proportional::of::<D, N>(record, last.as_ref(), &found) else { break };
+        let again = as_arrivals::<D, N>(&grown.record(record), jerk, systematic);
+        let Ok(again) = again else { break };
+        found = Trajectory { relative_range_sigma: Some(grown.relative), ..again };
+        last = Some(grown);
+    }
+    Ok(found)
 }
 
 /// Reconstructs a path from arrivals instead of range differences.
@@ -244,6 +267,7 @@ fn completed<const D: usize, const N: usize>(
         is_behind: side == Side::Behind,
         may_cross,
         is_doubtful: found.sides.as_ref().is_some_and(|own| own.is_doubtful),
+        relative_range_sigma: None,
         fixes,
     })
 }

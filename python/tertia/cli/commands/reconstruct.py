@@ -138,7 +138,7 @@ def reconstruct(
         positions.say_located,
         positions.say_speed,
         lambda one: _say_motion(one.result),
-        _say_bias,
+        _say_errors,
     )
     positions.note_speed(propagation_speed, found.targets)
     positions.write_all(
@@ -195,8 +195,10 @@ def _say_motion(path: Trajectory) -> None:
     typer.echo(f"  jerk {jerk:.3g} ({said})")
 
 
-def _say_bias(one: Located[Trajectory]) -> None:
-    """Print the bias of heights, and a note if the sigmas do not include systematic errors."""
+def _say_errors(one: Located[Trajectory]) -> None:
+    """Print what is known of the errors, and a note if the sigmas include no systematic ones."""
+    if (relative := one.result.relative_range_sigma) is not None:
+        typer.echo(f"  errors of ranges grow with the range: {relative:.0%} of large ranges")
     if one.result.height_bias is not None:
         value, sigma = one.result.height_bias, one.result.height_bias_sigma
         typer.echo(f"  bias of the heights {value:.3g} ± {sigma:.3g} m")

@@ -92,13 +92,7 @@ pub fn for_each_row<R: Send, S>(
             }
         }
     };
-    std::thread::scope(|scope| {
-        for _ in 1..n_threads {
-            // if the system refuses a thread, the other threads do its rows
-            let _ = std::thread::Builder::new().spawn_scoped(scope, run);
-        }
-        run();
-    });
+    on_threads(n_threads, &run);
     if stops() {
         poll();
     }
@@ -106,6 +100,17 @@ pub fn for_each_row<R: Send, S>(
         None => Ok(()),
         Some(first) => Err(first),
     }
+}
+
+/// Does the same on this number of threads, of which the calling one is one; compiled once for all kinds of work.
+fn on_threads(n_threads: usize, run: &(dyn Fn() + Sync)) {
+    std::thread::scope(|scope| {
+        for _ in 1..n_threads {
+            // if the system refuses a thread, the other threads do its rows
+            let _ = std::thread::Builder::new().spawn_scoped(scope, run);
+        }
+        run();
+    });
 }
 
 /// Calls `work` on every part, on this number of threads.

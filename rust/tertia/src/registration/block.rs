@@ -168,8 +168,11 @@ impl Block {
             }
             Lift { value, motion: last }
         });
+        let mut information = DMatrix::zeros(q, q);
+        // iterators over a view are slow
+        information.copy_from(&sums.view((1, 1), (q, q)));
         Some(Self {
-            information: sums.view((1, 1), (q, q)).into_owned(),
+            information,
             score: sums.view((1, 0), (q, 1)).column(0).into_owned(),
             square: sums[(0, 0)],
             free: 2 * n + 2 - MOTION,

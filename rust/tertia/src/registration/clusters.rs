@@ -91,18 +91,18 @@ impl Cluster {
         // the variance of a weighted sum of scores
         self.information *= kept * kept;
         self.cover(&part.columns);
-        let own = DVector::from_iterator(
-            part.columns.len(),
-            part.columns.iter().map(|&column| step[column]),
-        );
-        let score = &part.score - &part.information * own;
         // all columns are there
         let place = |column: &usize| self.columns.partition_point(|own| own < column);
         let places: Vec<usize> = part.columns.iter().map(place).collect();
-        for (i, &row) in places.iter().enumerate() {
-            self.score[row] += score[i];
-            for (j, &column) in places.iter().enumerate() {
-                self.information[(row, column)] += part.information[(i, j)];
+        for (i, &place) in places.iter().enumerate() {
+            self.score[place] += part.score[i];
+        }
+        for (j, &place) in places.iter().enumerate() {
+            let from = part.information.column(j);
+            let mut own = self.information.column_mut(place);
+            for (&row, value) in places.iter().zip(from.iter()) {
+                own[row] += value;
+                self.score[row] -= value * step[part.columns[j]];
             }
         }
     }

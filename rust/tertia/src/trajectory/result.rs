@@ -40,6 +40,8 @@ pub struct Trajectory {
     pub may_cross: bool,
     /// Whether it is doubtful where, or if at all, the path crosses the plane of the stations.
     pub is_doubtful: bool,
+    /// Standard deviation of large ranges relative to the range, if errors were found to grow with the range.
+    pub relative_range_sigma: Option<f64>,
 }
 
 /// Results of the smoother.
@@ -113,6 +115,7 @@ impl Trajectory {
             is_behind: false,
             may_cross: false,
             is_doubtful: false,
+            relative_range_sigma: None,
         }
     }
 }

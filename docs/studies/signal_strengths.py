@@ -1,0 +1,79 @@
+"""Paths from ranges that follow from signal strengths: errors that grow with the range."""
+
+import numpy as np
+
+from studies.montecarlo import FloatArray, generator
+from studies.one_wrong import INSIDE
+from studies.pages import markdown, repetitions
+from tertia.location import Station
+from tertia.trajectory import reconstruct
+
+RUNS = repetitions(20)
+TIMES = np.arange(200.0)
+ROOM = np.array([40.0, 30.0])
+# decibels for a factor of e in range, with a path loss exponent of 2.5
+PER_FACTOR = 25 / np.log(10)
+# of strengths: standard deviation in decibels and correlation from second to second
+STRENGTHS = {"1.5 dB": (1.5, 0.0), "3 dB": (3.0, 0.0), "4 dB, lasting": (4.0, 0.7)}
+STATED = 3.0
+COUNTS = (4, 6, 10)
+
+
+def walked(rng: np.random.Generator) -> FloatArray:
+    """Return a walk through the room at 1 m/s that turns at the walls."""
+    course, place, way = rng.uniform(0, 2 * np.pi), ROOM / 2, []
+    for _ in TIMES:
+        course += 0.15 * rng.standard_normal()
+        ahead = place + np.array([np.sin(course), np.cos(course)])
+        if np.all((ahead > 0) & (ahead < ROOM)):
+            place = ahead
+        else:
+            course += np.pi / 2
+        way.append(place)
+    return np.array(way)
+
+
+def lasting(shape: tuple[int, int], correlation: float, rng: np.random.Generator) -> FloatArray:
+    """Return normal errors, (N, K), that are correlated from one instant to the next."""
+    errors = rng.standard_normal(shape)
+    for t in range(1, shape[0]):
+        errors[t] = correlation * errors[t - 1] + np.sqrt(1 - correlation**2) * errors[t]
+    return errors
+
+
+def scene(
+    count: int, strengths: tuple[float, float], rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places of beacons, a path, and the ranges by the strengths of its signals."""
+    decibels, correlation = strengths
+    way = walked(rng)
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    directions = np.column_stack([np.sin(turn), np.cos(turn)])
+    places = ROOM / 2 * (1 + rng.uniform(0.5, 1.0, (count, 1)) * directions)
+    ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
+    errors = decibels / PER_FACTOR * lasting(ranges.shape, correlation, rng)
+    return places, way, ranges * np.exp(errors)
+
+
+def signal_strengths() -> str:
+    """Tabulate errors, coverage and the relative sigmas that were found, by errors of strengths."""
+    rows = []
+    for number, (title, strengths) in enumerate(STRENGTHS.items()):
+        row = [title, f"{strengths[0] / PER_FACTOR:.2f}"]
+        for count in COUNTS:
+            square, inside, relative = [], [], []
+            for seed in range(RUNS):
+                places, way, ranges = scene(count, strengths, generator(287, number, count, seed))
+                stations = [Station(place, range_sigma=STATED) for place in places]
+                track = reconstruct(stations, TIMES, range=ranges)
+                error, covariance = track.position - way, track.covariance[:, :2, :2]
+                solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+                inside.append(np.einsum("ni,ni->n", error, solved) < INSIDE)
+                square.append(np.sum(error**2, axis=1))
+                relative.append(track.relative_range_sigma or 0.0)
+            row.append(
+                f"{np.sqrt(np.mean(square)):.1f}; {np.mean(inside):.0%}; {np.median(relative):.2f}"
+            )
+        rows.append(row)
+    header = ["error of a strength", "of a range", *(f"{count} beacons" for count in COUNTS)]
+    return markdown(header, rows)
