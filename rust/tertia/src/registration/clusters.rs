@@ -94,16 +94,18 @@ impl Cluster {
         // all columns are there
         let place = |column: &usize| self.columns.partition_point(|own| own < column);
         let places: Vec<usize> = part.columns.iter().map(place).collect();
-        for (i, &place) in places.iter().enumerate() {
-            self.score[place] += part.score[i];
-        }
-        for (j, &place) in places.iter().enumerate() {
-            let from = part.information.column(j);
-            let mut own = self.information.column_mut(place);
-            for (&row, value) in places.iter().zip(from.iter()) {
-                own[row] += value;
-                self.score[row] -= value * step[part.columns[j]];
+        let (order, own) = (self.columns.len(), self.information.as_mut_slice());
+        let blocks = part.information.as_slice().chunks_exact(places.len().max(1));
+        let steps: Vec<f64> = part.columns.iter().map(|&column| step[column]).collect();
+        for ((&place, score), from) in places.iter().zip(part.score.iter()).zip(blocks) {
+            let to = &mut own[place * order..][..order];
+            let mut moved = 0.0;
+            for ((&row, value), step) in places.iter().zip(from).zip(&steps) {
+                to[row] += value;
+                moved += value * step;
             }
+            // a row of the symmetric information is its column
+            self.score[place] += score - moved;
         }
     }
 
