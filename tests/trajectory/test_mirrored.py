@@ -282,3 +282,28 @@ def test_it_is_said_if_nothing_tells_whether_a_path_crosses_the_line(seed, sigma
     stations, given = heard(seed, path, sigma=sigma, share=0.0)
     with pytest.warns(UserWarning, match="may cross it or turn back"):
         reconstruct(stations, np.arange(40.0), **given, initial=path[0])
+
+
+def test_an_initial_position_does_not_make_a_path_unknown():
+    # nearly in a plane: on either side of it, the search fails
+    rng = np.random.default_rng([78, 0])
+    times = 0.2 * np.arange(150.0)
+    course, place, level = rng.uniform(0, 6.28), np.array([10.0, 10.0]), []
+    for _ in times:
+        course += 0.15 * rng.standard_normal()
+        ahead = place + 0.2 * np.array([np.sin(course), np.cos(course)])
+        if np.all((ahead > 0) & (ahead < 20)):
+            place = ahead
+        else:
+            course += np.pi / 2
+        level.append(place)
+    path = np.column_stack([level, 1.2 + 0.2 * np.sin(times / 5)])
+    places = np.column_stack([rng.uniform(0, 20, (6, 2)), rng.uniform(0, 4, 6)])
+    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    ranges += 0.1 * rng.standard_normal(ranges.shape)
+    is_late = rng.random(ranges.shape) < 0.2
+    ranges[is_late] += rng.exponential(2, np.count_nonzero(is_late))
+    stations = [Station(place, range_sigma=0.1) for place in places]
+    track = reconstruct(stations, times, range=ranges)
+    started = reconstruct(stations, times, range=ranges, initial=path[0])
+    np.testing.assert_allclose(started.position, track.position, atol=0.05)

@@ -67,11 +67,13 @@ pub(super) fn begin<const D: usize, const N: usize>(
     let Some(mirror) = Mirror::chosen(record) else {
         return Ok((on(setting, None, true)?.0, Side::Known));
     };
-    if record.initial.is_some() {
-        return Ok((on(setting, Some(mirror), true)?.0, Side::Known));
-    }
-    if mirror.is_exact {
-        return Ok((on(setting, Some(mirror), true)?.0, Side::OneOfTwo));
+    if record.initial.is_some() || mirror.is_exact {
+        let side = if record.initial.is_some() { Side::Known } else { Side::OneOfTwo };
+        let found = on(setting, Some(mirror.clone()), true);
+        // a search may fail on the right side, too; a path near the plane may then still be found
+        if found.is_ok() || mirror.is_exact {
+            return Ok((found?.0, side));
+        }
     }
     let mut sides =
         [on(setting, Some(mirror.clone()), false), on(setting, Some(mirror.flipped()), false)];
@@ -130,7 +132,9 @@ pub(super) fn begin<const D: usize, const N: usize>(
     let ((path, value), (image, other)) = match (path, image) {
         (Ok(path), Ok(image)) => (path, image),
         (Ok(path), Err(_)) => return Ok((path.0, Side::Known)),
-        (Err(_), image) if mirror.is_level => return Ok((image?.0, Side::Behind)),
+        (Err(_), image) if mirror.is_level && record.initial.is_none() => {
+            return Ok((image?.0, Side::Behind));
+        }
         (Err(_), image) => return Ok((image?.0, Side::Known)),
     };
     if let Some((value, other)) = value.zip(other)

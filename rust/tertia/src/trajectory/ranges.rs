@@ -1,7 +1,7 @@
 //! Errors of ranges that grow with the range, as of ranges that follow from signal strengths.
 //!
 //! The errors about a path are compared with Student's distribution, whose scale is constant at each station or
-//! grows with the range. Where growth is much likelier, the path is estimated again with standard deviations
+//! grows with the range. Where growth is much likelier, at more than one station, the path is estimated again with standard deviations
 //! that grow, and from logarithms of the ranges where these fit better: an error of a strength in decibels is
 //! an error of the logarithm. Weights follow the ranges of the path, because weights that follow measured ranges
 //! would prefer those that are too short.
@@ -19,6 +19,9 @@ const STEPS: usize = 20;
 /// ranges that nine in ten and one in ten do not exceed.
 const CLEAR: f64 = 20.0;
 const GROWTH: f64 = 1.5;
+/// The same gain without the station that contributes most: a motion that is not as assumed, or errors of one
+/// station for a while, also make errors differ.
+const ELSEWHERE: f64 = 10.0;
 /// Ranges, relative to the median one, from which errors are about proportional to the range.
 const KNEES: [f64; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
 /// The same, up to which logarithms are tried, and the gain of ln of the likelihood from which they are used.
@@ -35,7 +38,6 @@ pub(super) struct Proportional {
     values: Vec<f64>,
     sigmas: Vec<f64>,
     initial: Option<Vec<f64>>,
-    is_logarithmic: bool,
     /// Standard deviation of large ranges relative to the range.
     pub relative: f64,
 }
@@ -80,31 +82,17 @@ impl Proportional {
         if !record.robust || compared.is_empty() {
             return None;
         }
-        let mut ranges: Vec<f64> = compared.iter().map(|one| one.range).collect();
-        let middle = median(&mut ranges);
-        let constant = likelihood(&stations, |one| (one.error, one.sigma));
-        let grown = |knee: f64| {
-            likelihood(&stations, |one| (one.error, one.sigma * one.width(knee * middle)))
-        };
-        let likelihoods = KNEES.iter().map(|&knee| (knee, grown(knee)));
-        let (knee, best) = likelihoods.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        if best < constant + CLEAR {
-            return None;
-        }
-        let is_logarithmic = knee <= EVERYWHERE && logarithms(&stations) > best + LIKELIER;
-        let knee = knee * middle;
+        let (knee, is_logarithmic) = knee(&stations, &compared)?;
         let mut widths: Vec<f64> = compared.iter().map(|one| one.width(knee)).collect();
         widths.sort_by(f64::total_cmp);
-        let tenth = |tenths: usize| widths[tenths * (widths.len() - 1) / 10];
-        if tenth(9) < GROWTH * tenth(1) {
+        let [low, usual, high] = [1, 5, 9].map(|tenth| widths[tenth * (widths.len() - 1) / 10]);
+        if high < GROWTH * low {
             return None;
         }
-        let usual = tenth(5);
         let mut changed = Self {
             values: record.values.to_vec(),
             sigmas: (0..record.len()).flat_map(|t| record.sigmas_at(t)).copied().collect(),
             initial: found.image.is_none().then(|| found.mean[..D].to_vec()),
-            is_logarithmic,
             relative: relative(&compared, knee),
         };
         for one in &all {
@@ -134,7 +122,7 @@ fn ranged<const D: usize, const N: usize>(
     with: Option<&Proportional>,
     found: &Trajectory,
 ) -> Vec<Ranged> {
-    let (width, is_logarithmic) = (record.width(), with.is_some_and(|own| own.is_logarithmic));
+    let width = record.width();
     let one = |at: usize| -> Option<Ranged> {
         let (t, station) = (at / width, at % width);
         let place = &record.stations_at(t, D)[station * D..][..D];
@@ -145,11 +133,9 @@ fn ranged<const D: usize, const N: usize>(
             .map(|i| away[i] * row(i).iter().zip(&away).map(|(a, b)| a * b).sum::<f64>())
             .sum();
         let sigma = record.sigmas_at(t)[station];
-        let scale = with.map_or(sigma, |own| own.sigmas[at]);
-        let mut error = found.residual[at] * scale;
-        if is_logarithmic {
-            error = range * (error / range).exp_m1();
-        }
+        let (value, scale) =
+            with.map_or((record.values[at], sigma), |own| (own.values[at], own.sigmas[at]));
+        let error = record.values[at] - value + found.residual[at] * scale;
         let square = range * range + spread / (range * range);
         let is_known = [error, square, sigma].iter().all(|v| v.is_finite());
         (is_known && range > 0.0).then_some(Ranged { at, station, sigma, range, square, error })
@@ -157,6 +143,26 @@ fn ranged<const D: usize, const N: usize>(
     let places =
         (0..record.len()).flat_map(|t| (0..record.receivers()).map(move |k| t * width + k));
     places.filter_map(one).collect()
+}
+
+/// Returns the range from which errors are about proportional to the range, and whether their logarithms fit
+/// better. None if the errors do not grow.
+fn knee(stations: &[Vec<&Ranged>], compared: &[&Ranged]) -> Option<(f64, bool)> {
+    let mut ranges: Vec<f64> = compared.iter().map(|one| one.range).collect();
+    let middle = median(&mut ranges);
+    let constant = likelihoods(stations, |one| (one.error, one.sigma));
+    let growing =
+        |knee: f64| likelihoods(stations, |one| (one.error, one.sigma * one.width(knee * middle)));
+    let total = |own: &[f64]| own.iter().sum::<f64>();
+    let tried = KNEES.iter().map(|&knee| (knee, growing(knee)));
+    let (knee, best) = tried.max_by(|a, b| total(&a.1).total_cmp(&total(&b.1)))?;
+    let gains: Vec<f64> = best.iter().zip(&constant).map(|(own, usual)| own - usual).collect();
+    let most = gains.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if total(&gains) < CLEAR || total(&gains) - most < ELSEWHERE {
+        return None;
+    }
+    let is_logarithmic = knee <= EVERYWHERE && logarithms(stations) > total(&best) + LIKELIER;
+    Some((knee * middle, is_logarithmic))
 }
 
 /// Returns some of the ranges of each station that has enough.
@@ -168,8 +174,8 @@ fn by_station(all: &[Ranged], stations: usize) -> Vec<Vec<&Ranged>> {
     (0..stations).map(some).filter(|own| own.len() >= FEWEST).collect()
 }
 
-/// Returns ln of the likelihood of errors, with widths, whose scale is another one at each station.
-fn likelihood(stations: &[Vec<&Ranged>], error: impl Fn(&Ranged) -> (f64, f64)) -> f64 {
+/// Returns ln of the likelihood of the errors, with widths, of each station, which has its own scale.
+fn likelihoods(stations: &[Vec<&Ranged>], error: impl Fn(&Ranged) -> (f64, f64)) -> Vec<f64> {
     let of = |own: &Vec<&Ranged>| {
         let (errors, widths): (Vec<f64>, Vec<f64>) =
             own.iter().map(|one| error(one)).map(|(error, width)| (error / width, width)).unzip();
@@ -179,10 +185,10 @@ fn likelihood(stations: &[Vec<&Ranged>], error: impl Fn(&Ranged) -> (f64, f64)) 
         };
         -errors.iter().map(one).sum::<f64>() - widths.iter().map(|width| width.ln()).sum::<f64>()
     };
-    stations.iter().map(of).sum()
+    stations.iter().map(of).collect()
 }
 
-/// Returns the same for errors of logarithms.
+/// Returns ln of the likelihood of the errors of logarithms.
 fn logarithms(stations: &[Vec<&Ranged>]) -> f64 {
     let positive = |own: &Vec<&Ranged>| own.iter().all(|one| one.logarithmic().is_some());
     if !stations.iter().all(positive) {
@@ -191,7 +197,7 @@ fn logarithms(stations: &[Vec<&Ranged>]) -> f64 {
     let error = |one: &Ranged| one.logarithmic().unwrap_or(0.0);
     // the density of a range is that of its logarithm over the range
     let ranges = stations.iter().flatten().map(|one| (one.error / one.range).ln_1p());
-    likelihood(stations, |one| (error(one), one.range)) - ranges.sum::<f64>()
+    likelihoods(stations, |one| (error(one), one.range)).iter().sum::<f64>() - ranges.sum::<f64>()
 }
 
 /// Scale of Student's distribution of these errors.
@@ -215,9 +221,11 @@ fn scale(errors: &[f64]) -> f64 {
 
 /// Standard deviation of large ranges relative to the range.
 fn relative(compared: &[&Ranged], knee: f64) -> f64 {
-    let mut sizes: Vec<f64> =
-        compared.iter().map(|one| one.error.abs() / one.width(knee)).collect();
-    NORMAL * median(&mut sizes) / knee
+    let (mut sizes, mut sigmas): (Vec<f64>, Vec<f64>) = compared
+        .iter()
+        .map(|one| (one.error.abs() / (one.sigma * one.width(knee)), one.sigma))
+        .unzip();
+    NORMAL * median(&mut sizes) * median(&mut sigmas) / knee
 }
 
 #[cfg(test)]
@@ -240,8 +248,9 @@ mod tests {
     /// Gain of ln of the likelihood by errors that grow from this range on.
     fn gain(all: &[Ranged], knee: f64) -> f64 {
         let stations = by_station(all, 2);
-        likelihood(&stations, |one| (one.error, one.width(knee)))
-            - likelihood(&stations, |one| (one.error, 1.0))
+        let total = |own: Vec<f64>| own.iter().sum::<f64>();
+        total(likelihoods(&stations, |one| (one.error, one.width(knee))))
+            - total(likelihoods(&stations, |one| (one.error, 1.0)))
     }
 
     #[test]
@@ -267,7 +276,7 @@ mod tests {
         let mut all = of(|_| 0.3);
         all.iter_mut().for_each(|one| one.error = one.range * one.error.exp_m1());
         let stations = by_station(&all, 2);
-        let linear = likelihood(&stations, |one| (one.error, one.range));
-        assert!(logarithms(&stations) > linear + LIKELIER);
+        let linear = likelihoods(&stations, |one| (one.error, one.range));
+        assert!(logarithms(&stations) > linear.iter().sum::<f64>() + LIKELIER);
     }
 }
