@@ -53,3 +53,17 @@ def measure(position, rng, places=PLACES, biases=None, range_sigma=SIGMA_R):
         + (0.0 if biases is None else biases[kind])
         for kind, values in ideal(position, places).items()
     }
+
+
+def walk(rng, count, step, room):
+    """Return a walk, from the middle of a room, that turns at the walls."""
+    course, place, way = rng.uniform(0, 2 * np.pi), np.asarray(room) / 2, []
+    for _ in range(count):
+        course += 0.15 * rng.standard_normal()
+        ahead = place + step * np.array([np.sin(course), np.cos(course)])
+        if np.all((ahead > 0) & (ahead < room)):
+            place = ahead
+        else:
+            course += np.pi / 2
+        way.append(place)
+    return np.array(way)

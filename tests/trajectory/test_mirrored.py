@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy import stats
+from trajectory.scenes import walk
 
 from tertia import tables
 from tertia.location import LIGHT, Station
@@ -288,15 +289,7 @@ def test_an_initial_position_does_not_make_a_path_unknown():
     # nearly in a plane: on either side of it, the search fails
     rng = np.random.default_rng([78, 0])
     times = 0.2 * np.arange(150.0)
-    course, place, level = rng.uniform(0, 6.28), np.array([10.0, 10.0]), []
-    for _ in times:
-        course += 0.15 * rng.standard_normal()
-        ahead = place + 0.2 * np.array([np.sin(course), np.cos(course)])
-        if np.all((ahead > 0) & (ahead < 20)):
-            place = ahead
-        else:
-            course += np.pi / 2
-        level.append(place)
+    level = walk(rng, len(times), 0.2, [20.0, 20.0])
     path = np.column_stack([level, 1.2 + 0.2 * np.sin(times / 5)])
     places = np.column_stack([rng.uniform(0, 20, (6, 2)), rng.uniform(0, 4, 6)])
     ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)

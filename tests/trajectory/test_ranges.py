@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from trajectory.scenes import walk
 
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
@@ -10,24 +11,10 @@ ROOM = np.array([40.0, 30.0])
 STATED = 3.0
 
 
-def walked(rng, count=200):
-    """Return a walk through the room at 1 m/s."""
-    course, place, way = rng.uniform(0, 2 * np.pi), ROOM / 2, []
-    for _ in range(count):
-        course += 0.15 * rng.standard_normal()
-        ahead = place + np.array([np.sin(course), np.cos(course)])
-        if np.all((ahead > 0) & (ahead < ROOM)):
-            place = ahead
-        else:
-            course += np.pi / 2
-        way.append(place)
-    return np.array(way)
-
-
 def scene(seed, beacons=7):
     """Return places of beacons in the room, a path, and true ranges."""
     rng = np.random.default_rng([91, seed])
-    way, places = walked(rng), rng.uniform(0, 1, (beacons, 2)) * ROOM
+    way, places = walk(rng, 200, 1.0, ROOM), rng.uniform(0, 1, (beacons, 2)) * ROOM
     return rng, places, way, np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
 
 
