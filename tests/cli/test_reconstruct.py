@@ -13,6 +13,7 @@ import pytest
 import terminal
 from pyproj import Geod
 from terminal import Write, assert_column, table
+from trajectory import test_ranges
 
 from tertia import metrics, simulate
 from tertia.geo import LocalFrame
@@ -232,6 +233,18 @@ def test_summary(write: Write, stations: Path) -> None:
     assert f"40 of 40 instants with a position, median sigma {sigma:.3g} m\n" in done.out
     alone = "  1 instant has too few measurements for a position of its own; the path includes it\n"
     assert alone in done.out
+
+
+def test_growing_errors_of_ranges(write: Write) -> None:
+    rng, places, _, ranges = test_ranges.scene(0)
+    wrong = ranges * np.exp(0.28 * rng.standard_normal(ranges.shape))
+    beacons = [f"B{k},{east!r},{north!r},3.0" for k, (east, north) in enumerate(places.tolist())]
+    sensors = write(beacons, "name,east_m,north_m,range_sigma_m", "beacons.csv")
+    rows = [f"{t}.0,B{k},{r!r}" for t, own in enumerate(wrong.tolist()) for k, r in enumerate(own)]
+    done = run(write(rows, "time_s,sensor,range_m"), "--sensors", sensors)
+    relative = test_ranges.path(places, wrong).relative_range_sigma
+    said = f"errors of ranges grow with the range; of large ranges, sigma is {relative:.0%}"
+    assert said in done.out
 
 
 def test_rows_of_measurements(write: Write, stations: Path, tmp_path: Path) -> None:

@@ -44,8 +44,6 @@ _FIRST = (
     "follows from the differences between the other stations; check the clock and the position of "
     "the first station"
 )
-
-
 _KIND = (
     "all measurements of {} contradict the others and are left out: check their sign, unit and "
     "reference"

@@ -204,10 +204,10 @@ def reconstruct(
     outliers, and the proportion of outliers, are those that maximise the likelihood. They are found
     by expectation maximisation, in which the noise decreases from the size of the residuals of the
     first track to the stated noise. Measurements that repeat the one before, and stations that
-    contradict all others throughout by changing errors, are left out before. The covariance
-    includes the uncertainty of the estimated jerk.
-    It is the mean of the covariances for different intensities q, weighted by the likelihood of q
-    and by a prior density of log q that is proportional to q^(1/4).
+    contradict all others throughout by changing errors, are left out before. If the errors of
+    ranges clearly grow with the range, so do the sigmas that are used (`relative_range_sigma`). The
+    covariance is the mean of those for different intensities q of the jerk, weighted by the
+    likelihood of q and by a prior density of log q that is proportional to q^(1/4).
 
     **Systematic errors.** The measurements of one kind by a station have an error c + g(t), where c
     is constant and g is a Gauss-Markov process. To first order this error adds A_t (c + g) to the

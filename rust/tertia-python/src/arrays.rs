@@ -314,7 +314,7 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     Ok(done.expect("it is done once"))
 }
 
-/// Does work on another thread, and checks for signals meanwhile; compiled once for all kinds of work.
+/// Does the work of `stoppable`. It is not generic, so it is compiled once.
 fn watched(work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
     let (flag, work, caller) = (Flag::default(), Mutex::new(work), thread::current());
     let run = || {

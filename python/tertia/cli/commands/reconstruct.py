@@ -198,7 +198,8 @@ def _say_motion(path: Trajectory) -> None:
 def _say_errors(one: Located[Trajectory]) -> None:
     """Print what is known of the errors, and a note if the sigmas include no systematic ones."""
     if (relative := one.result.relative_range_sigma) is not None:
-        typer.echo(f"  errors of ranges grow with the range: {relative:.0%} of large ranges")
+        large = f"of large ranges, sigma is {relative:.0%}"
+        typer.echo(f"  errors of ranges grow with the range; {large}")
     if one.result.height_bias is not None:
         value, sigma = one.result.height_bias, one.result.height_bias_sigma
         typer.echo(f"  bias of the heights {value:.3g} ± {sigma:.3g} m")

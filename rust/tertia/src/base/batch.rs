@@ -102,7 +102,7 @@ pub fn for_each_row<R: Send, S>(
     }
 }
 
-/// Does the same on this number of threads, of which the calling one is one; compiled once for all kinds of work.
+/// Calls `run` on this number of threads, including the calling one. It is not generic, so it is compiled once.
 fn on_threads(n_threads: usize, run: &(dyn Fn() + Sync)) {
     std::thread::scope(|scope| {
         for _ in 1..n_threads {

@@ -1,17 +1,17 @@
 //! Errors of ranges that grow with the range, as of ranges that follow from signal strengths.
 //!
 //! The errors about a path are compared with Student's distribution, whose scale is constant at each station or
-//! grows with the range. Where growth is much likelier, at more than one station, the path is estimated again with standard deviations
-//! that grow, and from logarithms of the ranges where these fit better: an error of a strength in decibels is
-//! an error of the logarithm. Weights follow the ranges of the path, because weights that follow measured ranges
-//! would prefer those that are too short.
+//! grows with the range. Where growth is much likelier, at more than one station, the path is estimated again
+//! with standard deviations that grow, and from logarithms of the ranges where these fit better: an error of a
+//! strength in decibels is an error of the logarithm. Weights follow the ranges of the path, because weights
+//! that follow measured ranges would prefer those that are too short.
 
 use super::measured::Record;
 use super::result::Trajectory;
 use crate::base::angle::median;
 use crate::base::small::dot;
 
-/// Degrees of freedom of Student's distribution, which bears outliers, and the largest number of steps towards
+/// Degrees of freedom of Student's distribution, which tolerates outliers, and the largest number of steps towards
 /// its scale.
 const FREEDOM: f64 = 4.0;
 const STEPS: usize = 20;
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_bears_outliers() {
+    fn the_scale_tolerates_outliers() {
         let mut errors: Vec<f64> = of(|_| 3.0).iter().map(|one| one.error).collect();
         let clean = scale(&errors);
         errors.iter_mut().step_by(10).for_each(|error| *error = 1e3);
