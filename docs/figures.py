@@ -64,6 +64,7 @@ from studies import (
     screening,
     sea_clutter,
     seams,
+    sides,
     signal_strengths,
     smooth_tracks,
     smoothing,
@@ -153,7 +154,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "invented": invented.table,
         "tasks": tasks.table,
     },
-    "location.md": {"lenth": location.lenth},
+    "location.md": {"mirror images": sides.sides, "lenth": location.lenth},
     "location-errors.md": {
         "faults": location.faults,
         "late ranges": late_fixes.late,

@@ -215,6 +215,9 @@ def locate(
     From there, up to eight Huber steps (1.345) lead to the point from which Tukey's biweight
     (4.685) is minimised. Other starting points are tried as well. If two minima are found whose
     likelihoods differ by less than a factor of 20, the position is ambiguous, which is an error.
+    In a batch without a stated `bias`, whose stations are near one plane or line and do not move,
+    the instants together may show on which side of it the targets are; the likelihoods are then
+    multiplied by the odds of the sides. Instants that remain ambiguous have no position.
     Faults have the weight 0. The robust covariance is `0.963 (J' W J)^-1`, which for normal errors
     is 5 % larger than the covariance of least squares, plus `6 q (1 - q) d d'` for each measurement
     that is a fault with probability q, where d is the change of the position if that measurement is

@@ -1,5 +1,6 @@
 //! Bindings of `tertia::location`.
 
+mod batch;
 mod posterior;
 mod region;
 
@@ -7,9 +8,9 @@ pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
 pub use region::{location_radii, location_regions, protection_levels};
 
 use crate::arrays::{
-    Array, Input, Output, Rows, Threads, array, choice, columns, optional, release, repeated,
+    Array, Input, Output, Threads, array, choice, columns, optional, release, repeated,
 };
-use pyo3::exceptions::PyValueError;
+use batch::{Batch, size};
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
 use tertia::location::{
@@ -51,118 +52,6 @@ fn method(name: &str, redundancy: usize) -> PyResult<Method> {
         ("lenth-andrews", Method::LenthAndrews),
     ];
     choice("method", name, &choices)
-}
-
-/// Number of stations and of dimensions of positions (..., K, D).
-fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
-    match stations.shape() {
-        [.., k, d @ (2 | 3)] if *k > 0 => Ok((*k, *d)),
-        shape => Err(PyValueError::new_err(format!(
-            "stations has shape {shape:?}; it must be (..., K, D)"
-        ))),
-    }
-}
-
-/// Returns a height and its standard deviation; `None` if the height is nan.
-fn known_height(row: &[f64]) -> Option<(f64, f64)> {
-    (!row[0].is_nan()).then(|| (row[0], row[1]))
-}
-
-/// The measurements of the instants of a batch: one row for each instant, or one for all.
-struct Batch<'a> {
-    /// Number of stations, and of dimensions of positions.
-    k: usize,
-    d: usize,
-    stations: Rows<'a>,
-    axes: Option<Rows<'a>>,
-    values: Rows<'a>,
-    sigmas: Rows<'a>,
-    surveys: Option<Rows<'a>>,
-    height: Option<Rows<'a>>,
-    initial: Option<Rows<'a>>,
-}
-
-impl<'a> Batch<'a> {
-    fn new(
-        stations: &'a Input<'_>,
-        axes: Option<&'a Input<'_>>,
-        values: &'a Input<'_>,
-        sigmas: &'a Input<'_>,
-    ) -> PyResult<Self> {
-        let (k, d) = size(stations)?;
-        let (stations, values) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
-        let sigmas = sigmas.blocks("sigmas", 2)?;
-        let count = values.count();
-        values.require(KINDS * k, count)?;
-        sigmas.require_shared(KINDS * k, count)?;
-        stations.require_shared(k * d, count)?;
-        let axes = optional(axes, "axes", (3, k * d * d), count)?;
-        Ok(Self {
-            k,
-            d,
-            stations,
-            axes,
-            values,
-            sigmas,
-            surveys: None,
-            height: None,
-            initial: None,
-        })
-    }
-
-    /// Adds standard deviations of the coordinates of the stations, heights with their standard
-    /// deviations, and positions at which the search begins.
-    fn with(
-        self,
-        surveys: Option<&'a Input<'_>>,
-        height: Option<&'a Input<'_>>,
-        initial: Option<&'a Input<'_>>,
-    ) -> PyResult<Self> {
-        let count = self.count();
-        let surveys = optional(surveys, "position_sigmas", (1, self.k), count)?;
-        let height = optional(height, "height", (1, 2), count)?;
-        let initial = optional(initial, "initial", (1, self.d), count)?;
-        Ok(Self { surveys, height, initial, ..self })
-    }
-
-    fn count(&self) -> usize {
-        self.values.count()
-    }
-
-    fn instant(&self, i: usize) -> Instant<'_> {
-        Instant {
-            stations: self.stations.shared(i),
-            axes: self.axes.as_ref().map(|axes| axes.shared(i)),
-            values: self.values.shared(i),
-            sigmas: self.sigmas.shared(i),
-            position_sigmas: self.surveys.as_ref().map(|surveys| surveys.shared(i)),
-            height: self.height.as_ref().and_then(|rows| known_height(rows.shared(i))),
-            initial: self.initial.as_ref().map(|initial| initial.shared(i)),
-        }
-    }
-
-    fn instants(&self) -> Vec<Instant<'_>> {
-        (0..self.count()).map(|i| self.instant(i)).collect()
-    }
-
-    /// Returns what `work` writes for every instant; `nanoseconds` is the cost of one instant.
-    fn each<T: Clone + Send>(
-        &self,
-        py: Python<'_>,
-        nanoseconds: f64,
-        n_threads: Threads,
-        unknown: T,
-        work: impl Fn(usize, &mut T) -> tertia::Result<()> + Sync + Send,
-    ) -> PyResult<Vec<T>> {
-        let mut found = repeated(unknown, self.count())?;
-        let cost = nanoseconds * found.len() as f64;
-        let work = |(): &mut (), (row, out): (usize, &mut T)| work(row, out);
-        release(py, cost, || {
-            for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
-        })?
-        .map_err(|failure| self.values.error(failure))?;
-        Ok(found)
-    }
 }
 
 /// Returns status, degrees of freedom, chi-square, p-value, dilution, estimated standard deviation, emission
@@ -242,12 +131,21 @@ pub fn locate<'py>(
         None if is_alone => Special::Alone(&free),
         None => Special::None,
     };
-    let mut found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
+    let located =
+        |locator: &Locator| locate_batch(py, locator, &batch, special, wind.as_ref(), n_threads);
+    let mut found = located(&locator)?;
+    if batch.count() > 1
+        && free.contains(&true)
+        && let Some(adapted) = on_side(py, &locator, &batch, &found.fixes)?
+    {
+        locator = adapted;
+        found = located(&locator)?;
+    }
     if batch.count() > 1
         && name == "robust"
-        && let Some(locator) = of_batch(py, &locator, &batch, &mut found)?
+        && let Some(adapted) = of_batch(py, &locator, &batch, &mut found)?
     {
-        found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
+        found = located(&adapted)?;
     }
     let still = |wind: Wind| {
         let values = batch.values.values.iter().copied();
@@ -265,6 +163,20 @@ pub fn locate<'py>(
         [growth, factor, degrees_of_freedom, common],
         ((speed.share, speed.sigma), wind),
     ))
+}
+
+/// Returns the estimator for the side of the stations on which the targets of a batch are, if it is known.
+fn on_side(
+    py: Python<'_>,
+    locator: &Locator,
+    batch: &Batch<'_>,
+    fixes: &[Fix],
+) -> PyResult<Option<Locator>> {
+    let instants = batch.instants();
+    release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.on_side::<2>(&instants, fixes, &mut Workspace::default()),
+        _ => locator.on_side::<3>(&instants, fixes, &mut Workspace::default()),
+    })
 }
 
 /// Returns the estimator for the outliers of a batch, if they are not those that it expects.

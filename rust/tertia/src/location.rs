@@ -27,7 +27,10 @@
 //! | `faulty` | frequency of outliers in a batch |
 //! | `profile` | covariances where the cost is not a parabola |
 //! | `solver` | location of an instant, from its measurements to the results |
+//! | `minimum` | a minimum of the cost, and the points that belong to it |
 //! | `search` | start, robust steps, other minima |
+//! | `mirror` | the plane of the stations and its sides |
+//! | `side` | the side of the stations on which the targets are |
 //! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths only |
 //! | `posterior`, `quadtree`, `concentration` | the density of positions from two to four bearings |
@@ -57,6 +60,8 @@ mod lane;
 mod lanes;
 mod lenth;
 mod medium;
+mod minimum;
+mod mirror;
 mod mixture;
 mod modes;
 mod normals;
@@ -68,6 +73,7 @@ mod radial;
 mod record;
 mod region;
 mod search;
+mod side;
 mod solver;
 mod speed;
 mod starts;

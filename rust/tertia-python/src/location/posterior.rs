@@ -1,6 +1,6 @@
 //! Bindings for the probability density of positions from a few bearings.
 
-use super::Batch;
+use super::batch::Batch;
 use super::region::{Regions, regions};
 use crate::arrays::{Array, Input, Output, Threads, array, columns, repeated};
 use pyo3::prelude::*;

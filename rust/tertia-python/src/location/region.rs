@@ -1,6 +1,6 @@
 //! Bindings for regions around positions, and for protection levels.
 
-use super::Batch;
+use super::batch::Batch;
 use crate::arrays::{Array, Input, Rows, Threads, array, columns};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -1,6 +1,6 @@
 //! Starting points from times of arrival in metres: `z = b + |p − s|`, where b is the emission.
 
-use crate::base::small::{Factor, Matrix, Vector, dot, longest, norm};
+use crate::base::small::{Factor, Vector, dot, norm};
 use crate::sensors::{Kind, Measurement};
 
 /// Rank, as a fraction, of the arrival that is taken as undisturbed: more arrivals are late than early.
@@ -82,38 +82,4 @@ pub(super) fn trusted_cost(count: usize, unknowns: usize, fault: f64) -> f64 {
     let noise = 0.5 * (count - unknowns) as f64 + 2.0 * (0.5 * count as f64).sqrt();
     let spare = if count < unknowns + ROBUST { 0 } else { count / FAULTS_ONE_IN };
     noise + COST_OF_FAULT.min(fault) * spare as f64
-}
-
-/// Returns the eigenvector of the larger eigenvalue of a symmetric matrix in the plane.
-fn across<const D: usize>(a: &Matrix<D>) -> Vector<D> {
-    let (sine, cosine) = (0.5 * (2.0 * a[0][1]).atan2(a[0][0] - a[1][1])).sin_cos();
-    std::array::from_fn(|i| if i == 0 { cosine } else { sine })
-}
-
-/// Returns the mirror image of a state in the line or plane that is nearest to the stations. If the
-/// stations lie in it, their distances from both positions are the same. O(M).
-pub(super) fn mirrored<const D: usize, const N: usize>(
-    measurements: &[Measurement<D>],
-    state: &Vector<N>,
-) -> Vector<N> {
-    let mut mean = [0.0; D];
-    for m in measurements {
-        for i in 0..D {
-            mean[i] += m.station[i] / measurements.len() as f64;
-        }
-    }
-    let mut spread: Matrix<D> = [[0.0; D]; D];
-    for m in measurements {
-        let offset: Vector<D> = std::array::from_fn(|i| m.station[i] - mean[i]);
-        let square = dot(&offset, &offset);
-        for i in 0..D {
-            for j in 0..D {
-                let own = if i == j { square } else { 0.0 };
-                spread[i][j] += own - offset[i] * offset[j];
-            }
-        }
-    }
-    let normal = if D == 2 { across(&spread) } else { longest(&spread).0 };
-    let height: f64 = (0..D).map(|i| normal[i] * (state[i] - mean[i])).sum();
-    std::array::from_fn(|i| if i < D { state[i] - 2.0 * height * normal[i] } else { state[i] })
 }

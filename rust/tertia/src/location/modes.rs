@@ -3,8 +3,9 @@
 
 use super::descent::{End, Loss, Problem};
 use super::fix::Instant;
+use super::minimum::{SAME_MINIMUM as SAME, SLOPE};
 use super::record::NOWHERE;
-use super::search::{SAME_MINIMUM as SAME, SLOPE, least};
+use super::search::least;
 use super::solver::{Locator, Workspace};
 use super::starts;
 use crate::base::small::{Vector, quadratic};

@@ -9,7 +9,8 @@
 
 use super::descent::Loss;
 use super::growth::LIMIT;
-use super::search::{Minimum, Search, position};
+use super::minimum::Minimum;
+use super::search::{Search, position};
 use crate::base::small::{Factor, Matrix, Vector, add, dot, longest, norm};
 
 /// Standard deviations above this fraction of the distance to the nearest station are not small: the

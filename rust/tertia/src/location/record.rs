@@ -5,7 +5,8 @@ use super::block::Block;
 use super::descent::{Loss, Problem};
 use super::fix::{Instant, Output};
 use super::lane::LANES;
-use super::search::{Buffers, Minimum, Search, least, states};
+use super::minimum::Minimum;
+use super::search::{Buffers, Search, least, states};
 use super::starts;
 use crate::base::small::{Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
@@ -136,7 +137,8 @@ impl<const D: usize, const N: usize> Record<D, N> {
     pub fn search(&self, loss: Loss) -> Search<'_, D, N> {
         let Self { measurements, extent, unknown, start, first, .. } = self;
         let problem = Problem { measurements, extent: *extent };
-        Search { problem, loss, unknown: *unknown, start: *start, first: *first, decides: false }
+        let (start, first) = (*start, *first);
+        Search { problem, loss, unknown: *unknown, start, first, decides: false, side: None }
     }
 
     /// Whether uncertain station positions cause errors of angles.

@@ -1,16 +1,14 @@
 //! Search for the minimum that explains an instant best: start, robust steps, other minima.
 
 use super::arrivals;
-use super::block::Arrival;
 use super::candidates::Candidates;
-use super::descent::{
-    self, Cost, End, HUBER, HUBER_STEPS, Loss, NEAR, Normal, TOLERANCE, TUKEY_TOLERANCE,
-};
-use super::doubt::SAFETY;
+use super::descent::{self, Cost, End, HUBER, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY_TOLERANCE};
 use super::fix::Status;
 use super::lenth::{self, Weight};
+use super::minimum::Minimum;
+use super::mirror::{self, Side};
 use super::starts;
-use crate::base::small::{Factor, Matrix, Vector, norm, quadratic, undetermined};
+use crate::base::small::{Factor, Vector, undetermined};
 use crate::sensors::{Kind, Measurement};
 
 const STEPS: usize = 100;
@@ -26,11 +24,6 @@ const FEW: f64 = 5.0;
 const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 /// Minima whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
-/// Points within this squared distance of a minimum, in squared sigmas, belong to it.
-pub(super) const SAME_MINIMUM: f64 = 25.0;
-/// A point on the slope of a minimum costs more than it by at least this share of its squared distance, in
-/// sigmas. For a parabola the share would be a half.
-pub(super) const SLOPE: f64 = 0.25;
 /// Largest number of other minima that are searched for.
 const RIVALS: usize = 3;
 /// The same if outliers are frequent.
@@ -49,22 +42,8 @@ const RIVALRY: usize = 4;
 /// A descent that is still moving within this share of the extent from a station would end at the station:
 /// close to it, the azimuth can take any value.
 const APPROACHED: f64 = 1e-2;
-/// A start is clearly on the side of a minimum if its distance is at most this share of its distance from
-/// the mirror image.
-const CLEARLY: f64 = 0.3;
 /// Largest cost of a point at which as many measurements as unknowns meet.
 const MEETING: f64 = 1e-6;
-
-/// A minimum of the cost.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Minimum<const N: usize> {
-    pub state: Vector<N>,
-    pub normal: Normal<N>,
-    pub end: End,
-    pub scale: f64,
-    /// If outliers are frequent: covariance from other minima that are too unlikely to be ambiguous.
-    pub others: Matrix<N>,
-}
 
 /// Search for the position of one instant. The state has D coordinates and, if there are arrivals, their
 /// emission.
@@ -77,6 +56,8 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub first: Option<Minimum<N>>,
     /// Whether the better of two minima is taken even if the other one is nearly as good.
     pub decides: bool,
+    /// The likely side of the stations, and the origin of positions.
+    pub side: Option<(Side, Vector<D>)>,
 }
 
 /// Buffers of a search.
@@ -138,11 +119,12 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let most =
             0.5 * (measurements.len() as f64 - N as f64) + TRUSTED_FAULTS * self.loss.of_fault();
         let from_most = N == D && own.is_empty() && self.start.is_some();
-        if from_most && minimum.end == End::Converged && minimum.normal.cost < most {
+        let is_likely = self.prior(&minimum.state) == 0.0;
+        if from_most && is_likely && minimum.end == End::Converged && minimum.normal.cost < most {
             return Ok(minimum);
         }
-        if measurements.iter().any(|m| m.kind.is_difference()) {
-            let mirrored = arrivals::mirrored(measurements, &minimum.state);
+        if self.side.is_some() || measurements.iter().any(|m| m.kind.is_difference()) {
+            let mirrored = mirror::mirrored(measurements, &minimum.state);
             points.push(mirrored);
             costs.push(self.problem.cost(&mirrored, self.loss, minimum.scale));
         }
@@ -151,8 +133,11 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
     /// Whether the minimum reached from a start that most measurements support needs no other starts.
     fn is_trusted(&self, minimum: &Minimum<N>) -> bool {
-        if minimum.end != End::Converged || self.loss == Loss::SQUARE && N == D {
-            return minimum.end == End::Converged;
+        if minimum.end != End::Converged || self.prior(&minimum.state) > 0.0 {
+            return false;
+        }
+        if self.loss == Loss::SQUARE && N == D {
+            return true;
         }
         let count = self.problem.measurements.len();
         let cost = minimum.normal.cost;
@@ -160,7 +145,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             let hardly = self.loss == Loss::SQUARE || {
                 cost < arrivals::trusted_cost(count, N, self.loss.of(Kind::Arrival).evidence(1.0))
             };
-            return hardly && self.start.is_some_and(|start| self.is_on_its_side(minimum, &start));
+            return hardly && self.start.is_some() && self.tells_sides(minimum);
         }
         let fault = self.loss.of_fault();
         cost < 0.5 * count as f64 + fault || cost + AMBIGUOUS < fault * self.agreeing(minimum)
@@ -176,11 +161,12 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         stations.filter(|station| station.iter().all(agrees)).count() as f64
     }
 
-    /// Whether a start is clearly closer to a minimum than to its mirror image.
-    fn is_on_its_side(&self, minimum: &Minimum<N>, start: &Vector<N>) -> bool {
-        let mirrored = arrivals::mirrored(self.problem.measurements, &minimum.state);
-        let distance = |x: &Vector<N>| norm::<D>(&std::array::from_fn(|i| x[i] - start[i]));
-        distance(&minimum.state) < CLEARLY * distance(&mirrored)
+    /// Whether the mirror image of a minimum explains the measurements so badly that no descent from it
+    /// would lead to another minimum nearly as good.
+    fn tells_sides(&self, minimum: &Minimum<N>) -> bool {
+        let mirrored = mirror::mirrored(self.problem.measurements, &minimum.state);
+        let cost = self.problem.cost(&mirrored, self.loss, minimum.scale);
+        cost > minimum.normal.cost + AMBIGUOUS + SLACK
     }
 
     /// Computes the costs of points, or the scales of their residuals if σ is unknown.
@@ -296,18 +282,22 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
         let own = points.iter().zip(costs.iter()).filter(|(point, _)| best.is_same(point));
         let nearest = own.map(|(_, &cost)| cost).fold(f64::INFINITY, f64::min);
+        for (point, cost) in points.iter().zip(costs.iter_mut()) {
+            *cost += self.prior(point);
+        }
         let mut rival: Option<Minimum<N>> = None;
         let mut found = [None; RIVALS_OF_MANY];
         let rivals = if self.tells_many_apart() { RIVALS_OF_MANY } else { RIVALS };
         for slot in &mut found[..rivals] {
             for minimum in [Some(best), rival].into_iter().flatten() {
+                let prior = self.prior(&minimum.state);
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
-                    if minimum.is_below(point, *cost) {
+                    if minimum.is_below(point, *cost - prior) {
                         *cost = f64::INFINITY;
                     }
                 }
             }
-            let limit = best.normal.cost + AMBIGUOUS + self.slack(&best, nearest);
+            let limit = self.posterior(&best) + AMBIGUOUS + self.slack(&best, nearest);
             let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
             costs[at] = f64::INFINITY;
             let mut other = self.rival(points[at], scratch);
@@ -317,25 +307,36 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             if other.scale != best.scale {
                 other.normal = self.problem.normal(&other.state, self.loss, best.scale);
             }
-            if other.normal.cost < best.normal.cost || best.end != End::Converged {
+            if self.posterior(&other) < self.posterior(&best) || best.end != End::Converged {
                 (best, other) = (other, best);
             }
-            *slot = Some((other.state, other.normal.cost)).filter(|_| other.end == End::Converged);
-            let closer = |r: &Minimum<N>| r.normal.cost > other.normal.cost;
+            *slot =
+                Some((other.state, self.posterior(&other))).filter(|_| other.end == End::Converged);
+            let closer = |r: &Minimum<N>| self.posterior(r) > self.posterior(&other);
             if other.end == End::Converged && rival.as_ref().is_none_or(closer) {
                 rival = Some(other);
             }
         }
+        let least = self.posterior(&best);
         match rival {
-            Some(rival) if !self.decides && rival.normal.cost < best.normal.cost + AMBIGUOUS => {
+            Some(rival) if !self.decides && self.posterior(&rival) < least + AMBIGUOUS => {
                 Err(Status::Ambiguous)
             }
             _ if self.loss.expects_many() => {
-                best.allow_for(found.iter().flatten());
+                best.allow_for(found.iter().flatten(), least);
                 Ok(best)
             }
             _ => Ok(best),
         }
+    }
+
+    /// Returns the prior cost of a state, which is 0 on the likely side of the stations.
+    fn prior(&self, state: &Vector<N>) -> f64 {
+        self.side.map_or(0.0, |(side, origin)| side.cost(&state[..D], &origin))
+    }
+
+    fn posterior(&self, minimum: &Minimum<N>) -> f64 {
+        minimum.normal.cost + self.prior(&minimum.state)
     }
 
     /// Returns how much more a point costs, as a rule at most, than the minimum it leads to. With many
@@ -409,40 +410,6 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let end = if estimate.converged { End::Converged } else { End::Moving };
         let scale = if self.unknown { 1.0 / estimate.kappa.sqrt() } else { 1.0 };
         Ok(Minimum { state, normal, end, scale, others: [[0.0; N]; N] })
-    }
-}
-
-impl<const N: usize> Minimum<N> {
-    pub fn of(arrival: Arrival<N>) -> Self {
-        let Arrival { state, matrix, cost } = arrival;
-        let normal = Normal::at_minimum(matrix, cost);
-        Self { state, normal, end: End::Converged, scale: 1.0, others: [[0.0; N]; N] }
-    }
-
-    /// Adds the spread of other minima, given with their costs, as for doubtful measurements.
-    fn allow_for<'a>(&mut self, minima: impl Iterator<Item = &'a (Vector<N>, f64)>) {
-        for (state, cost) in minima {
-            let spread = SAFETY * (self.normal.cost - cost).exp();
-            for i in 0..N {
-                for j in 0..N {
-                    let product = (state[i] - self.state[i]) * (state[j] - self.state[j]);
-                    self.others[i][j] += spread * product;
-                }
-            }
-        }
-    }
-
-    /// Whether a point is within the error of this minimum.
-    fn is_same(&self, point: &Vector<N>) -> bool {
-        let difference = std::array::from_fn(|i| point[i] - self.state[i]);
-        quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
-    }
-
-    /// Whether a point with this cost is on the slope of this minimum.
-    fn is_below(&self, point: &Vector<N>, cost: f64) -> bool {
-        let difference = std::array::from_fn(|i| point[i] - self.state[i]);
-        let square = quadratic(&self.normal.matrix, &difference);
-        square <= SAME_MINIMUM.max((cost - self.normal.cost) / SLOPE)
     }
 }
 

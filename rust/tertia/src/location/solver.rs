@@ -7,9 +7,11 @@ use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lane::LANES;
 use super::lenth::Weight;
+use super::minimum::Minimum;
+use super::mirror::Side;
 use super::profile::Unbounded;
 use super::record::{NOWHERE, Record, Room};
-use super::search::{Buffers, Minimum, Search, position};
+use super::search::{Buffers, Search, position};
 use super::summary::{Spread, Summary};
 use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Factor, Matrix, Vector, add, norm, symmetrise, undetermined};
@@ -56,6 +58,8 @@ pub struct Locator {
     common: [f64; KINDS],
     /// Standard deviation of the relative error of the speed of the signals.
     speed_sigma: f64,
+    /// The side of the stations on which the targets are, if it is known.
+    pub(super) side: Option<Side>,
 }
 
 impl Locator {
@@ -71,6 +75,7 @@ impl Locator {
             correlation: 0.5,
             common: [0.0; KINDS],
             speed_sigma: 0.0,
+            side: None,
         }
     }
 
@@ -356,7 +361,8 @@ impl Locator {
         let loss = self.loss(record.measurements.len() - N, N > D);
         let origin = first::<D>(instant.stations);
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
-        let search = Search { decides: self.decides, ..record.search(loss) };
+        let side = self.side.map(|side| (side, origin));
+        let search = Search { decides: self.decides, side, ..record.search(loss) };
         let found = match self.lenth() {
             None => search.minimum(initial, (&record.points, &record.costs), buffers),
             Some(weight) => search.lenth(initial, weight, buffers),
@@ -421,7 +427,7 @@ impl Locator {
         statistic
     }
 
-    fn lenth(&self) -> Option<Weight> {
+    pub(super) fn lenth(&self) -> Option<Weight> {
         match self.method {
             Method::LenthMle => Some(Weight::One),
             Method::LenthHuber => Some(Weight::Huber),

@@ -21,7 +21,7 @@ const STEPS: i32 = 20;
 const NARROWINGS: usize = 24;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Cost of a fault: that of the residual from which on a measurement is more probably a fault.
-const FAULT: f64 = 8.28;
+pub(super) const FAULT: f64 = 8.28;
 /// Cost, relative to that of the mode, up to which the cost is taken as a parabola.
 const PARABOLA: f64 = 2.0;
 const HALVINGS: usize = 40;
@@ -54,10 +54,11 @@ impl Speed {
     }
 }
 
-/// The cost of an instant at some speed, and its position if it could be located.
-struct Trial {
-    cost: f64,
-    position: Option<Vec<f64>>,
+/// The cost of an instant at some speed, its position if it could be located, and its outliers.
+pub(super) struct Trial {
+    pub cost: f64,
+    pub position: Option<Vec<f64>>,
+    pub outlier: Vec<bool>,
 }
 
 impl Locator {
@@ -112,7 +113,7 @@ impl Locator {
     }
 
     /// Returns the cost of the residuals of an instant if the signals are faster by this share.
-    fn trial<const D: usize>(
+    pub(super) fn trial<const D: usize>(
         &self,
         instant: &Instant<'_>,
         share: f64,
@@ -123,14 +124,16 @@ impl Locator {
         let (fix, solution) = self.located_at(share, &Instant { initial, ..*instant }, workspace);
         let Solution { position, residual, outlier, .. } = solution;
         if fix.status != Status::None {
-            return Trial { cost: FAULT * fix.degrees_of_freedom.max(0) as f64, position: None };
+            let cost = FAULT * fix.degrees_of_freedom.max(0) as f64;
+            return Trial { cost, position: None, outlier };
         }
         let known = || residual.iter().zip(&outlier).filter(|(u, _)| !u.is_nan());
         let squares: f64 = known().map(|(u, _)| u * u).sum();
         let cost = |(u, wrong): (&f64, &bool)| if *wrong { FAULT } else { FAULT.min(0.5 * u * u) };
         // the rest of the statistic is the residual of the height
         let rest = 0.5 * (fix.statistic - squares).max(0.0);
-        Trial { cost: known().map(cost).sum::<f64>() + rest, position: Some(position.to_vec()) }
+        let cost = known().map(cost).sum::<f64>() + rest;
+        Trial { cost, position: Some(position.to_vec()), outlier }
     }
 
     /// Locates an instant if the signals are faster by this share.
@@ -153,7 +156,7 @@ impl Locator {
 }
 
 /// Returns at most this number of instants, evenly spread.
-fn spread<'a, 'b>(
+pub(super) fn spread<'a, 'b>(
     instants: &'b [Instant<'a>],
     most: usize,
 ) -> impl Iterator<Item = Instant<'a>> + 'b {

@@ -9,7 +9,7 @@
 use super::fix::{Instant, Solution, Status};
 use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
-use super::speed::Speed;
+use super::speed::{FAULT, Speed};
 use crate::base::small::{Factor, Matrix, Vector, dot};
 use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
@@ -27,7 +27,7 @@ pub(super) const WRONG: f64 = 6.0;
 const MOST: usize = 64;
 
 /// Normal equations of the speed and, unless there are too many stations, of their errors, in this order.
-struct Sums {
+pub(super) struct Sums {
     information: DMatrix<f64>,
     score: DVector<f64>,
     /// Sum of the squared residuals, and redundant measurements.
@@ -79,7 +79,7 @@ impl Locator {
 
     /// Returns the normal equations of all instants if the signals are faster by this share; none without
     /// instants.
-    fn speed_sums<'a, const D: usize>(
+    pub(super) fn speed_sums<'a, const D: usize>(
         &self,
         instants: impl Iterator<Item = Instant<'a>>,
         share: f64,
@@ -168,6 +168,43 @@ impl Sums {
         self.free += (count - N as i32) as f64;
     }
 
+    /// Returns by how much the measurements of these sums are likelier than those of others with the same
+    /// measurements but other positions, if the stations may have lasting errors.
+    pub fn evidence_against(mut self, other: &mut Self) -> Option<f64> {
+        let noise = self.noise(Speed::EXACT, 0.0)?.min(other.noise(Speed::EXACT, 0.0)?);
+        let of = |sums: &mut Self| -> Option<f64> {
+            sums.reduce(noise);
+            let all = sums.posteriors(Speed::EXACT, 0.0)?;
+            let best = all.iter().map(|(odds, one)| odds + one.evidence).fold(f64::MIN, f64::max);
+            let sum: f64 = all.iter().map(|(odds, one)| (odds + one.evidence - best).exp()).sum();
+            Some(best + sum.ln() - 0.5 * sums.square - FAULT * sums.outliers)
+        };
+        Some(of(&mut self)? - of(other)?)
+    }
+
+    /// Returns the factor, at least 1, of the variance of the noise.
+    fn noise(&self, speed: Speed, prior: f64) -> Option<f64> {
+        let widest = self.posterior(speed.share, prior, SIZES[SIZES.len() - 1])?;
+        Some((widest.left / (self.free - widest.explained).max(1.0)).max(1.0))
+    }
+
+    /// Divides by the factor of the variance of the noise.
+    fn reduce(&mut self, noise: f64) {
+        self.information /= noise;
+        self.score /= noise;
+        self.square /= noise;
+    }
+
+    /// Returns the prior log odds and the posterior for each size of the errors of the stations.
+    fn posteriors(&self, speed: Speed, prior: f64) -> Option<Vec<(f64, Posterior)>> {
+        let mut all = vec![(NOTHING.ln(), self.posterior(speed.share, prior, 0.0)?)];
+        for size in SIZES {
+            let each = -(SIZES.len() as f64).ln();
+            all.push((each, self.posterior(speed.share, prior, size)?));
+        }
+        Some(all)
+    }
+
     /// Returns the posterior if the errors of the stations have this size; the difference from `share` has
     /// the prior mean `-share`. None if the information is not finite.
     fn posterior(&self, share: f64, prior: f64, size: f64) -> Option<Posterior> {
@@ -196,15 +233,8 @@ impl Sums {
     /// Returns the speed about `speed`.
     fn speed(mut self, speed: Speed, prior: f64) -> Option<Speed> {
         // the noise may be larger than stated
-        let widest = self.posterior(speed.share, prior, SIZES[SIZES.len() - 1])?;
-        let noise = (widest.left / (self.free - widest.explained).max(1.0)).max(1.0);
-        self.information /= noise;
-        self.score /= noise;
-        let mut all = vec![(NOTHING.ln(), self.posterior(speed.share, prior, 0.0)?)];
-        for size in SIZES {
-            let each = -(SIZES.len() as f64).ln();
-            all.push((each, self.posterior(speed.share, prior, size)?));
-        }
+        self.reduce(self.noise(speed, prior)?);
+        let all = self.posteriors(speed, prior)?;
         let best = all.iter().map(|(odds, one)| odds + one.evidence).fold(f64::MIN, f64::max);
         let weight = |odds: f64, one: &Posterior| (odds + one.evidence - best).exp();
         let total: f64 = all.iter().map(|(odds, one)| weight(*odds, one)).sum();

@@ -3,7 +3,8 @@
 use super::descent::{Cost, Loss, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
-use super::search::{Minimum, Search, position};
+use super::minimum::Minimum;
+use super::search::{Search, position};
 use crate::base::small::{Factor, Matrix, Vector, add, undetermined};
 use crate::sensors::{KINDS, Measurement, Row};
 
