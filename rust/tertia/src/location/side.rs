@@ -15,7 +15,8 @@ use super::mirror::{Mirror, Side};
 use super::solver::{Locator, Workspace};
 use super::speed::{Trial, spread};
 
-/// Size of a place, as a share of the distances of the stations within their plane: instants in one place count once.
+/// Size of a place, as a share of the distances of the stations within their plane. Instants in one place
+/// count once.
 const PLACE: f64 = 0.1;
 /// Largest number of instants of a batch, evenly spread, from which the side is learnt.
 const SAMPLE: usize = 256;
@@ -74,7 +75,7 @@ impl Locator {
         let cleaned = both.iter().map(|(instant, _, values)| Instant { values, ..*instant });
         let [above, below] = sides.map(|side| side.speed_sums(cleaned.clone(), 0.0, workspace));
         let sign = log_odds.signum();
-        let evidence = sign * above?.evidence_against(&mut below?)? * variety(places);
+        let evidence = sign * above?.evidence_against(below?)? * variety(places);
         let is_known = log_odds.abs() > LIKELY && evidence > DECISIVE;
         is_known.then(|| self.with_side(mirror.side(sign, log_odds.abs())))
     }
@@ -149,17 +150,24 @@ mod tests {
 
     /// Ranges of targets at `heights` all over the area, with errors of 5 m: mirror images look alike.
     fn ranges(heights: impl Fn(usize) -> f64) -> Vec<[f64; 6 * KINDS]> {
-        measured(|i| [(977 * i % 3000) as f64, (1361 * i % 3000) as f64, heights(i)])
+        measured(|i| [(977 * i % 3000) as f64, (1361 * i % 3000) as f64, heights(i)], 3, 0.0)
     }
 
-    fn measured(target: impl Fn(usize) -> [f64; 3]) -> Vec<[f64; 6 * KINDS]> {
-        let mut random = Random::new(3);
+    /// Ranges of targets with random errors, and with constant ones up to this size.
+    fn measured(
+        target: impl Fn(usize) -> [f64; 3],
+        seed: u64,
+        constant: f64,
+    ) -> Vec<[f64; 6 * KINDS]> {
+        let mut random = Random::new(seed);
+        let constant = STATIONS.map(|_| random.symmetric(constant));
         let mut of = |i: usize| {
             let p = target(i);
             let mut values = [f64::NAN; 6 * KINDS];
             for (k, s) in STATIONS.iter().enumerate() {
                 let offset: Vector<3> = std::array::from_fn(|j| p[j] - s[j]);
-                values[6 * Kind::Range as usize + k] = norm(&offset) + random.symmetric(8.0);
+                values[6 * Kind::Range as usize + k] =
+                    norm(&offset) + constant[k] + random.symmetric(8.0);
             }
             values
         };
@@ -219,9 +227,25 @@ mod tests {
 
     #[test]
     fn a_target_at_rest_shows_no_side() {
-        let [first, second] = located(&measured(|_| [1100.0, 900.0, 400.0]));
+        let [first, second] = located(&measured(|_| [1100.0, 900.0, 400.0], 3, 0.0));
         assert!(first.unwrap().iter().any(|(fix, _)| fix.status == Status::Ambiguous));
         assert!(second.is_none());
+    }
+
+    #[test]
+    fn constant_errors_are_not_taken_for_a_side() {
+        let target = |i: usize| {
+            [(977 * i % 3000) as f64, (1361 * i % 3000) as f64, 200.0 + 10.0 * (i % 30) as f64]
+        };
+        for seed in 0..6 {
+            let [_, second] = located(&measured(target, 11 + seed, 20.0));
+            let is_right = |(fix, up): &&(Fix, f64)| fix.status == Status::None && *up > 0.0;
+            let is_found = |(fix, _): &&(Fix, f64)| fix.status == Status::None;
+            if let Some(all) = second {
+                let (right, found) = (all.iter().filter(is_right), all.iter().filter(is_found));
+                assert!(2 * right.count() > found.count(), "{seed}");
+            }
+        }
     }
 
     #[test]

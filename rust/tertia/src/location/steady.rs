@@ -168,18 +168,21 @@ impl Sums {
         self.free += (count - N as i32) as f64;
     }
 
-    /// Returns by how much the measurements of these sums are likelier than those of others with the same
-    /// measurements but other positions, if the stations may have lasting errors.
-    pub fn evidence_against(mut self, other: &mut Self) -> Option<f64> {
+    /// Returns the log odds of these positions against others for the same measurements, if the stations may
+    /// have lasting errors. `None` if there are too many stations for this.
+    pub fn evidence_against(self, other: Self) -> Option<f64> {
+        if self.score.len() == 1 {
+            return None;
+        }
         let noise = self.noise(Speed::EXACT, 0.0)?.min(other.noise(Speed::EXACT, 0.0)?);
-        let of = |sums: &mut Self| -> Option<f64> {
+        let of = |mut sums: Self| -> Option<f64> {
             sums.reduce(noise);
             let all = sums.posteriors(Speed::EXACT, 0.0)?;
             let best = all.iter().map(|(odds, one)| odds + one.evidence).fold(f64::MIN, f64::max);
             let sum: f64 = all.iter().map(|(odds, one)| (odds + one.evidence - best).exp()).sum();
             Some(best + sum.ln() - 0.5 * sums.square - FAULT * sums.outliers)
         };
-        Some(of(&mut self)? - of(other)?)
+        Some(of(self)? - of(other)?)
     }
 
     /// Returns the factor, at least 1, of the variance of the noise.
