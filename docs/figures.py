@@ -47,6 +47,7 @@ from studies import (
     manoeuvres,
     mirrored,
     misaligned,
+    moving_finder,
     one_wrong,
     paper,
     positions,
@@ -77,6 +78,7 @@ from studies import (
     trajectory,
     unhealthy,
     velocities,
+    vertical,
     weights,
 )
 from studies.pages import save, write
@@ -159,6 +161,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "faults": location.faults,
         "late ranges": late_fixes.late,
         "biases": location.biases,
+        "moving finder": moving_finder.moving_finder,
         "far too small": location.far_too_small,
     },
     "location-regions.md": {
@@ -303,6 +306,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "mirrored": mirrored.mirrored,
         "consistency": trajectory.consistency,
         "motions": trajectory.motions,
+        "vertical": vertical.vertical,
         "repeated": one_wrong.repeated,
         "signal strengths": signal_strengths.signal_strengths,
     },

@@ -30,8 +30,8 @@ RADAR = Radar(
     max_range=300e3,
     bias=Bias(),
 )
-MULTILATERATION = PositionSensor(update_interval=1.0, detection_probability=0.9)
-ADSB = PositionSensor(update_interval=2.0, detection_probability=0.95)
+MULTILATERATION = PositionSensor(update_interval=1.0, detection_probability=0.9, bias=Bias())
+ADSB = PositionSensor(update_interval=2.0, detection_probability=0.95, bias=Bias())
 # a camera looks round once a second
 CAMERA = Station((10e3, -20e3), azimuth_sigma=0.02, degrees=True)
 FRAME, SEEN, FALSE = 1.0, 0.9, 3

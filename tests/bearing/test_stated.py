@@ -157,10 +157,13 @@ def test_groups() -> None:
     assert np.median(found.bias_sigma) == pytest.approx(5.0, rel=0.3)
     given = estimate_bearing(y, sigma=1.0, groups=labels, bias_sigma=5.0)
     np.testing.assert_allclose(np.median(given.sigma), np.hypot(5.0, 0.5) / np.sqrt(6), rtol=0.1)
-    # every label once: the errors of the groups are random ones
-    once = estimate_bearing(y[0, ::4], sigma=1.0, groups=np.arange(6))
-    assert once.noise_factor > 1
-    assert (once.bias_sigma, once.systematic) == (0.0, "estimated")
+    # every label once: the errors of groups are told from random ones of the stated size
+    once = estimate_bearing(y[:, ::4], sigma=1.0, groups=np.arange(6))
+    assert once.systematic == "estimated"
+    assert np.mean(np.abs(once.value - 50) < 2 * once.sigma) > 0.93
+    assert np.median(once.bias_sigma) == pytest.approx(5.0, rel=0.3)
+    # if no size is stated, they cannot be told apart
+    assert estimate_bearing(y[0, ::4], groups=np.arange(6)).bias_sigma == 0.0
     # and a wrong measurement in a group is left out
     y[0, 5] += 40.0
     assert np.flatnonzero(estimate_bearing(y[0], sigma=1.0, groups=labels).outlier).tolist() == [5]

@@ -54,7 +54,7 @@ def test_one_position_of_an_hour_is_within_its_sigma() -> None:
 def test_it_is_what_locate_says_of_as_many_stations() -> None:
     table = drive(np.random.default_rng(1), wrong=0.0)
     places = table.select("sensor_east_m", "sensor_north_m").to_numpy()
-    one_each = [Station(place, azimuth_sigma=SIGMA) for place in places]
+    one_each = [Station(place, azimuth_sigma=SIGMA, name="car") for place in places]
     expected = locate(one_each, azimuth=np.radians(table["azimuth_deg"]))
     found = tables.locate(table, sensors=[CAR], tolerance=np.inf)
     np.testing.assert_allclose(found.select("east_m", "north_m").row(0), expected.position)

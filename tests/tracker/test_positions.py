@@ -42,8 +42,8 @@ def scene(seed):
     radar = Radar(
         (-70e3, 0.0), range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0, bias=Bias()
     )
-    wam = PositionSensor(update_interval=1.0, detection_probability=0.9)
-    adsb = PositionSensor(update_interval=2.0, detection_probability=0.95)
+    wam = PositionSensor(update_interval=1.0, detection_probability=0.9, bias=Bias())
+    adsb = PositionSensor(update_interval=2.0, detection_probability=0.95, bias=Bias())
     traffic = simulate.dense_traffic(
         20, area=(120e3, 120e3), turning_share=0.0, duration=DURATION, rng=random
     )
@@ -334,3 +334,38 @@ def test_a_vehicle_that_has_stopped_reports_the_same_position(interval):
     table = track(plots, [sensor], profile="road")
     assert np.all(table.track_of_plot > 0)
     assert len(np.unique(table.track)) == 1
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.3])
+def test_trusted_radars_show_how_late_positions_are(latency: float) -> None:
+    """Registration is the default, as the time of reported positions is not known exactly."""
+    rng = np.random.default_rng(87)
+    time = np.tile(np.arange(0.0, 240.0, 1.0), 8)
+    target = np.repeat(np.arange(8), 240)
+    course = target * np.pi / 4
+    velocity = 200.0 * np.column_stack([np.sin(course), np.cos(course)])
+    start = rng.uniform(-2e4, 2e4, (8, 2))
+    place = start[target] + time[:, np.newaxis] * velocity
+    # a radar sees each target every four seconds
+    seen = time % 4 == 0
+    count, missing = seen.sum(), np.full(time.size, np.nan)
+    distance = np.hypot(*place[seen].T) + 50.0 * rng.standard_normal(count)
+    azimuth = np.arctan2(*place[seen].T) + 1e-3 * rng.standard_normal(count)
+    reported = place + 15.0 * rng.standard_normal(place.shape)
+    when = np.concatenate([time[seen], time + latency])
+    order = np.argsort(when, kind="stable")
+    owner = np.concatenate([target[seen], target])[order]
+    plots = Plots(
+        when[order],
+        np.concatenate([distance, missing])[order],
+        np.concatenate([azimuth, missing])[order],
+        sensor=np.repeat([0, 1], [count, time.size])[order],
+        position=np.concatenate([np.full((count, 2), np.nan), reported])[order],
+        icao_address=owner + 1,
+    )
+    radar = Radar([0, 0], range_sigma=50.0, azimuth_sigma=1e-3, scan_period=4.0, bias=Bias())
+    table = track(plots, [radar, PositionSensor(position_sigma=15.0, update_interval=1.0)])
+    table = table[(table.plot >= 0) & (table.time > 60.0)]
+    row = owner[table.plot]
+    truth = start[row] + table.time[:, np.newaxis] * velocity[240 * row]
+    assert np.mean(nees(table.position - truth, table.covariance[:, :2, :2]) < 5.991) > 0.9

@@ -26,6 +26,7 @@ from tertia._arrays import (
 )
 from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
 from tertia.location._bias import Given, given_biases, said
+from tertia.location._common import included, without_common
 from tertia.location._degrees import warn_if_degrees
 from tertia.location._height import anywhere, azimuths_alone, read_height, without_height
 from tertia.location._posterior import locate_posterior
@@ -232,6 +233,9 @@ def locate(
     mixture: for each common factor of the sigmas, outliers and position are determined anew, and
     weighted by their restricted likelihood. If nothing contradicts the stated sigmas, they are not
     increased.
+    If three or more stations of a single instant have the same name, they are one sensor at several
+    places. Its systematic error is then the same at all places, and position and covariance are
+    averaged over the values that the measurements leave possible.
     An error that all stations share causes no inconsistency. If the residuals of a batch are
     significantly smaller than stated (at 99 %), the missing part of the variance is attributed to
     an error that all stations share, and this error is added to the covariance. If the common error
@@ -329,53 +333,65 @@ def locate(
         )
         return _checked(location)
     grows = np.full_like(free, pools) if pools or unknown else free
-    solve = partial(
-        _solved,
+    solver = partial(
+        _solver,
         rows,
         (
             None if start is None else _matched(start, batch, 1),
             (method, integer(redundancy, "redundancy", 1)),
             (flag(multipath, "multipath"), correlation),
-            grows.ravel().tolist(),
-            pools,
-            (speed.relative, wind.relative, speed.as_stated),
-            threads(n_threads),
         ),
+        (pools, (speed.relative, wind.relative, speed.as_stated), threads(n_threads)),
     )
-    *result, (growth, factor, _, common), found = solve(*rows[2:4])
+    common, rows, grows = without_common(
+        stations if math.prod(batch) == 1 and not (pools or unknown) else (),
+        (measured, own),
+        (rows, grows),
+        solver,
+    )
+    solve = solver(grows)
+    *result, (growth, factor, _, missing), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
         warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
-    location = location_of(
-        tuple(result),
-        tuple(measured),
-        estimated=unknown,
-        arrivals=arrivals,
-        speed=speed,
-        wind=wind,
-        systematic=said(free, tells=not lies_between(result[-1][1], -np.inf, 0.0)),
-        bias=own.found(
-            _stated(measured, arrivals),
-            [each + shared for each, shared in zip(growth, common, strict=True)],
-        ),
-        scene=Scene(
-            *rows[:2],
-            speed.scaled(rows[2], KINDS) if wind.values is None else wind.values,
-            rows[3] if unknown else _grown(speed.scaled(rows[3], KINDS), grows, growth),
-            outlier=result[3],
-            unit=unit,
-            surveys=rows[4],
-            height=rows[5],
-            correlation=correlation,
-            pooled=pools,
+    location = included(
+        common,
+        own,
+        location_of(
+            tuple(result),
+            tuple(measured),
+            estimated=unknown,
+            arrivals=arrivals,
+            speed=speed,
+            wind=wind,
+            systematic=said(free, tells=not lies_between(result[-1][1], -np.inf, 0.0)),
+            bias=own.found(
+                _stated(measured, arrivals),
+                [each + shared for each, shared in zip(growth, missing, strict=True)],
+            ),
+            scene=Scene(
+                *rows[:2],
+                speed.scaled(rows[2], KINDS) if wind.values is None else wind.values,
+                rows[3] if unknown else _grown(speed.scaled(rows[3], KINDS), grows, growth),
+                outlier=result[3],
+                unit=unit,
+                surveys=rows[4],
+                height=rows[5],
+                correlation=correlation,
+                pooled=pools,
+            ),
         ),
     )
     if pools and unknown:
-        common = np.sqrt(factor[KINDS.index(next(iter(measured)))])
-        sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
-        location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
+        location = _with_sigma(location, factor[KINDS.index(next(iter(measured)))], unit)
     return _checked(location if lacks is None else without_height(location, lacks))
+
+
+def _with_sigma(location: Location, factor: float, unit: FloatArray | float) -> Location:
+    """Return a location with the sigma that all measurements have in common."""
+    sigma = np.broadcast_to(np.sqrt(factor) / unit, np.shape(location.statistic))
+    return replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
 
 
 def _in_medium(
@@ -387,6 +403,13 @@ def _in_medium(
     """Return speed and wind as the core found them, and the arrivals of signals of this speed."""
     speed, wind = medium[0].found(*found[0]), medium[1].found(found[1], shape)
     return speed, wind, None if arrivals is None else arrivals.at(speed.scale)
+
+
+def _solver(
+    rows: tuple[Any, ...], first: tuple[Any, ...], last: tuple[Any, ...], grows: BoolArray
+) -> Callable[[FloatArray, FloatArray], Any]:
+    """Return what solves for measurements and sigmas other than those of `rows`."""
+    return partial(_solved, rows, (*first, grows.ravel().tolist(), *last))
 
 
 def _solved(

@@ -83,7 +83,8 @@ def _estimate_of(rows: pl.DataFrame) -> tuple[float, float, pl.Series]:
         return float(np.median(near)), own, marks
     found = estimate_bearing(value, period=period)
     sigma = float(found.sigma)
-    return float(found.value), sigma if sigma > 0 else own, pl.Series(found.outlier)
+    # equal readings do not show their scatter
+    return float(found.value), sigma if 0 < sigma < np.inf else own, pl.Series(found.outlier)
 
 
 def _as_stated(rows: pl.DataFrame) -> BearingEstimate:

@@ -64,17 +64,12 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether a sensor may have systematic errors that another sensor can reveal.
-
-    Those of reported times count only if there are others: they are assumed by default.
-    """
+    """Return whether a sensor may have systematic errors that another sensor can reveal."""
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
     if deviates or sum(not isinstance(one, Station) for one in sensors) < 2:
         return False
-    sigma = columns_of(own_biases(sensors), "_sigma")
-    radar = np.array([isinstance(one, Radar) for one in sensors])
-    unknown = np.where(radar, sigma.any(axis=1), sigma[:, :3].any(axis=1))
-    return bool(np.any(radar) and np.any(unknown))
+    has_radar = any(isinstance(one, Radar) for one in sensors)
+    return has_radar and bool(columns_of(own_biases(sensors), "_sigma").any())
 
 
 def begun(

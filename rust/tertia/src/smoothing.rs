@@ -29,7 +29,7 @@ mod track;
 mod whitener;
 mod whitening;
 
-pub(crate) use fit::{Family, likeliest, likeliest_other, relative_error};
+pub(crate) use fit::{Family, Part, likeliest, likeliest_other, likeliest_part, relative_error};
 pub use fit::{ProcessNoiseFit, fit_process_noise};
 pub use motion::ProcessNoise;
 pub use noise::{NoiseFit, Options, smooth_with_noise};

@@ -52,7 +52,8 @@ pub use series::Polynomials;
 pub use spatial::by_polynomials;
 pub use temporal::temporal_first;
 
-use crate::sensors::KINDS;
+use crate::base::angle::median;
+use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
 use bias::Biases;
 use differences::Received;
@@ -71,6 +72,11 @@ use thinned::Thinned;
 const BESIDE: usize = 3;
 /// Largest number of shortened last steps.
 const LAST: usize = 20;
+/// Median standard deviation of a position, relative to the distance over which the stations are spread, beyond
+/// which measurements without ranges do not determine a path.
+const FARTHEST: f64 = 1e5;
+/// Number of steps towards the path with a vertical motion of its own.
+const REFITS: usize = 2;
 /// Largest number of rounds in which biases are estimated.
 const ROUNDS: usize = 10;
 /// Largest number of times that a path is estimated with errors of ranges that grow with the range.
@@ -155,6 +161,7 @@ fn sought<const D: usize, const N: usize>(
     }
     let found = match along::<D, N>(record, None, systematic) {
         Ok(found) if found.has_diverged() => Err(Failure::Diverged),
+        Ok(found) if is_unbounded::<D>(record, &found) => Err(Failure::Unbounded),
         found => found,
     };
     if !matches!(found, Err(Failure::Diverged | Failure::Unbounded)) {
@@ -163,7 +170,9 @@ fn sought<const D: usize, const N: usize>(
     // the motion was estimated about a path far from the target
     let second = agile::<D>(record).map(|motion| along::<D, N>(record, Some(motion), systematic));
     match second {
-        Some(Ok(second)) if second.explains() => Ok(second.with_doubtful_motion()),
+        Some(Ok(second)) if second.explains() && !is_unbounded::<D>(record, &second) => {
+            Ok(second.with_doubtful_motion())
+        }
         _ => found,
     }
 }
@@ -194,6 +203,13 @@ fn agile<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
 /// Returns the jerk that bends a path, in the time of the record, by about the distance between the stations;
 /// none if the stations are at one place.
 fn bending<const D: usize>(record: &Record<'_>) -> Option<f64> {
+    let square = extent::<D>(record).powi(2);
+    let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
+    (jerk > 0.0 && jerk.is_finite()).then_some(jerk)
+}
+
+/// Returns the distance over which the stations are spread.
+fn extent<const D: usize>(record: &Record<'_>) -> f64 {
     let spread = |axis: usize| {
         let own = record.stations.iter().skip(axis).step_by(D);
         let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
@@ -201,9 +217,17 @@ fn bending<const D: usize>(record: &Record<'_>) -> Option<f64> {
         });
         (high - low).powi(2)
     };
-    let square = (0..D).map(spread).sum::<f64>();
-    let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
-    (jerk > 0.0 && jerk.is_finite()).then_some(jerk)
+    (0..D).map(spread).sum::<f64>().sqrt()
+}
+
+/// Whether the measurements, none of which is a range, leave it open how far the path is from the stations.
+fn is_unbounded<const D: usize>(record: &Record<'_>, found: &Trajectory) -> bool {
+    let (n, extent) = (3 * D, extent::<D>(record));
+    let has_ranges = !seen(record, &[Kind::Range as usize]).is_empty();
+    let known = found.covariance.chunks_exact(n * n).filter(|own| own[0].is_finite());
+    let mut sigmas: Vec<f64> =
+        known.map(|own| (0..D).map(|i| own[i * (n + 1)]).sum::<f64>().sqrt()).collect();
+    extent > 0.0 && !has_ranges && !sigmas.is_empty() && median(&mut sigmas) > FARTHEST * extent
 }
 
 /// Removes systematic errors from the measurements of a path, and collects the results.
@@ -304,6 +328,11 @@ impl States {
             found.settle(true);
         }
         found.is_last = true;
+        // earlier, a stiff vertical motion could hold the path at a wrong height
+        setting.smoother.separates = D == 3 && setting.motion.is_none();
+        if setting.smoother.separates {
+            (0..REFITS).try_for_each(|_| found.relinearise(setting, None, scale).map(drop))?;
+        }
         // the covariance of a shortened step is too small
         let mut rounds = 0;
         while found.relinearise(setting, setting.motion, scale)? {
@@ -336,6 +365,7 @@ impl States {
         if let Some(wind) = &record.wind {
             speed::add_wind(setting, found, wind, motion, &mut covariance)?;
         }
+        setting.smoother.separates = false;
         Ok(Self { best, innovation, random, covariance })
     }
 }

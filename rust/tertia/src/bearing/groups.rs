@@ -48,9 +48,10 @@ pub(super) fn estimate(
     let mut table = Table::of(&workspace.angle, groups);
     let count = table.count.len();
     let stuck = stated.is_none() && workspace.angle.iter().all(|v| *v == workspace.angle[0]);
-    if count == 1 || stuck || count == groups.len() {
-        // if each measurement has its own systematic error, these errors are random errors
-        let each = count == groups.len();
+    // if each measurement has its own systematic error, these errors are random errors; they can be told from
+    // those whose size is stated
+    let each = count == groups.len() && stated.is_none();
+    if count == 1 || stuck || each {
         let correlation = if each { Some(0.0) } else { correlation };
         let found = together(rule, correlation, stated, workspace, outlier)?;
         let bias = bias_sigma.unwrap_or(0.0) / if each { (count as f64).sqrt() } else { 1.0 };

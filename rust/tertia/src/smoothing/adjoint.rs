@@ -285,7 +285,8 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
         ];
         let d = N / 3;
         for axis in 0..d {
-            for h in &inverse {
+            let over = motion.on(axis, d).sqrt().recip();
+            for h in inverse.map(|row| row.map(|h| h * over)) {
                 let start = rows.len();
                 rows.resize(start + 2 * N + 1, 0.0);
                 let (now, later) = rows[start..].split_at_mut(N + 1);

@@ -26,8 +26,8 @@ impl ProcessNoiseFit {
         }
     }
 
-    const UNDETERMINED: Self = Self {
-        motion: ProcessNoise { jerk: 0.0, acceleration: 0.0, velocity: 0.0 },
+    pub(crate) const UNDETERMINED: Self = Self {
+        motion: ProcessNoise { jerk: 0.0, acceleration: 0.0, velocity: 0.0, last_axis: 1.0 },
         relative_error: f64::INFINITY,
     };
 }
@@ -113,6 +113,50 @@ impl Family {
     }
 }
 
+/// Axes of which the intensities vary together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Part {
+    /// All axes.
+    All,
+    /// All axes but the last one.
+    Others,
+    /// The last axis.
+    Last,
+}
+
+impl Part {
+    /// Returns the part whose intensity a fit describes: all axes unless the last one has an intensity of its own.
+    pub fn of(motion: ProcessNoise) -> Self {
+        if motion.last_axis == 1.0 { Self::All } else { Self::Others }
+    }
+}
+
+impl Family {
+    /// As [`Self::of`], for a part of the axes: the others keep the intensities of a motion.
+    pub fn part(
+        self,
+        part: Part,
+        track: &Track<'_>,
+        motion: ProcessNoise,
+    ) -> impl Fn(f64) -> ProcessNoise + use<> {
+        let of = self.of(track);
+        let (others, last) = (self.log(motion), self.log_of(Part::Last, motion));
+        move |log: f64| match part {
+            Part::All => ProcessNoise { last_axis: motion.last_axis, ..of(log) },
+            Part::Others => ProcessNoise { last_axis: (last - log).exp(), ..of(log) },
+            Part::Last => ProcessNoise { last_axis: (log - others).exp(), ..motion },
+        }
+    }
+
+    /// Returns the logarithm of the intensity of a part.
+    pub fn log_of(self, part: Part, motion: ProcessNoise) -> f64 {
+        match part {
+            Part::All | Part::Others => self.log(motion),
+            Part::Last => self.log(motion) + motion.last_axis.ln(),
+        }
+    }
+}
+
 const JERK_POWER: f64 = 5.0;
 /// Logarithm of the ratio of the times over which the fits of jerk and of acceleration average, if the
 /// velocity is a random walk.
@@ -173,6 +217,26 @@ pub(crate) fn likeliest_other(
     let like = other.like(motion, track);
     let is_likely = like.is_finite() && value(other.of(track)(like)) >= least;
     is_likely.then(|| search(track, other, Some(like), value))
+}
+
+/// Returns the motion with the likeliest intensities of one part of the axes, near those that it has, and its
+/// log-likelihood; the others do not change.
+pub(crate) fn likeliest_part(
+    track: &Track<'_>,
+    motion: ProcessNoise,
+    part: Part,
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> Option<(ProcessNoise, f64)> {
+    let family = Family::that_has(motion);
+    let (low, _) = range(track, family.power())?;
+    let of = family.part(part, track, motion);
+    let value = &mut |log: f64| value(of(log));
+    let best = match climb(low, family.log_of(part, motion), value) {
+        Some((_, best)) => best,
+        None => (low, value(low)),
+    };
+    let (log, top) = maximum(value, best.0 - COARSE, best, best.0 + COARSE);
+    Some((of(log), top))
 }
 
 /// Returns the likeliest motion of a family with its log-likelihood. If the logarithm of an intensity is

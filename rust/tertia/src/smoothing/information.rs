@@ -106,7 +106,7 @@ impl Information {
             self.rows.chunks_exact_mut(width).for_each(moved);
             return;
         }
-        let g = motion.noise_root(t);
+        let (g, axes) = (motion.noise_root(t), (d, motion.last_axis.sqrt()));
         let wide = n + width;
         let count = self.rows.len() / width;
         self.spare.clear();
@@ -116,9 +116,9 @@ impl Information {
             let (noise, state) = out.split_at_mut(n);
             if direction == Direction::Forwards {
                 moved(row);
-                times_root(row, d, &g, noise);
+                times_root(row, axes, &g, noise);
             } else {
-                times_root(row, d, &g, noise);
+                times_root(row, axes, &g, noise);
                 moved(row);
             }
             state.copy_from_slice(row);
@@ -209,9 +209,10 @@ pub(super) fn complete(
 
 /// Multiplies a row by G for all axes.
 #[inline(always)]
-fn times_root(row: &[f64], d: usize, g: &[f64; 6], out: &mut [f64]) {
+fn times_root(row: &[f64], (d, last): (usize, f64), g: &[f64; 6], out: &mut [f64]) {
     for axis in 0..d {
-        let (p, v, a) = (row[axis], row[d + axis], row[2 * d + axis]);
+        let own = if axis > 0 && axis + 1 == d { last } else { 1.0 };
+        let (p, v, a) = (own * row[axis], own * row[d + axis], own * row[2 * d + axis]);
         out[axis] = p * g[0] + v * g[1] + a * g[3];
         out[d + axis] = v * g[2] + a * g[4];
         out[2 * d + axis] = a * g[5];

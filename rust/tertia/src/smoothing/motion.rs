@@ -18,22 +18,30 @@ pub struct ProcessNoise {
     pub acceleration: f64,
     /// Intensity of the white velocity, in position² / time.
     pub velocity: f64,
+    /// Intensities on the last axis relative to those on the others, above 0.
+    pub last_axis: f64,
 }
 
 impl ProcessNoise {
     /// Returns white jerk alone.
     pub fn with_jerk(jerk: f64) -> Self {
-        Self { jerk, acceleration: 0.0, velocity: 0.0 }
+        Self { jerk, acceleration: 0.0, velocity: 0.0, last_axis: 1.0 }
     }
 
     /// Returns all intensities multiplied by a factor.
     pub(crate) fn times(self, factor: f64) -> Self {
-        let Self { jerk, acceleration, velocity } = self;
+        let Self { jerk, acceleration, velocity, last_axis } = self;
         Self {
             jerk: jerk * factor,
             acceleration: acceleration * factor,
             velocity: velocity * factor,
+            last_axis,
         }
+    }
+
+    /// Intensities on one of d axes relative to those on the first.
+    pub(super) fn on(self, axis: usize, d: usize) -> f64 {
+        if axis > 0 && axis + 1 == d { self.last_axis } else { 1.0 }
     }
 
     /// Whether there is no noise.
@@ -41,7 +49,7 @@ impl ProcessNoise {
         self.jerk == 0.0 && self.acceleration == 0.0 && self.velocity == 0.0
     }
 
-    /// Returns the lower triangular G with `G G^T = Q`, for one axis over the time t.
+    /// Returns the lower triangular G with `G G^T = Q`, for the first axis over the time t.
     pub(super) fn noise_root(self, t: f64) -> [f64; 6] {
         // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
         if self.velocity > 0.0 {
@@ -115,21 +123,23 @@ pub(super) fn advance<const N: usize>(
     let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
     let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
     for i in 0..d {
-        p[i][i] += pp;
-        p[i][d + i] += pv;
-        p[d + i][i] += pv;
-        p[i][2 * d + i] += pa;
-        p[2 * d + i][i] += pa;
-        p[d + i][d + i] += vv;
-        p[d + i][2 * d + i] += va;
-        p[2 * d + i][d + i] += va;
-        p[2 * d + i][2 * d + i] += q;
+        let own = motion.on(i, d);
+        p[i][i] += own * pp;
+        p[i][d + i] += own * pv;
+        p[d + i][i] += own * pv;
+        p[i][2 * d + i] += own * pa;
+        p[2 * d + i][i] += own * pa;
+        p[d + i][d + i] += own * vv;
+        p[d + i][2 * d + i] += own * va;
+        p[2 * d + i][d + i] += own * va;
+        p[2 * d + i][2 * d + i] += own * q;
     }
     if motion.acceleration == 0.0 && motion.velocity == 0.0 {
         return;
     }
-    let (a, v) = (motion.acceleration * t, motion.velocity * t);
     for i in 0..d {
+        let own = motion.on(i, d);
+        let (a, v) = (own * motion.acceleration * t, own * motion.velocity * t);
         p[i][i] += a * t * t / 3.0 + v;
         p[i][d + i] += a * t / 2.0;
         p[d + i][i] += a * t / 2.0;
@@ -179,12 +189,36 @@ pub(super) fn turn_back<const N: usize>(
 mod tests {
     use super::*;
 
+    /// Only the noise of the last axis has another size.
+    #[test]
+    fn the_last_axis_may_have_noise_of_its_own() {
+        for (jerk, acceleration, velocity) in [(2.0, 0.0, 0.0), (1e-9, 3.0, 0.0), (0.5, 0.1, 7.0)] {
+            let motion = ProcessNoise { acceleration, velocity, ..ProcessNoise::with_jerk(jerk) };
+            let noise = |motion: ProcessNoise| {
+                let (mut x, mut q) = ([0.0; 9], [[0.0; 9]; 9]);
+                advance(3, &mut x, &mut q, 1.7, motion);
+                q
+            };
+            let (same, own) = (noise(motion), noise(ProcessNoise { last_axis: 4.0, ..motion }));
+            for i in 0..9 {
+                for j in 0..9 {
+                    let factor = if i % 3 == 2 { 4.0 } else { 1.0 };
+                    assert!((own[i][j] - factor * same[i][j]).abs() <= 1e-15 * own[i][i]);
+                }
+            }
+        }
+    }
+
     /// `G G'` must be what `advance` adds to a covariance of zero.
     #[test]
     fn the_root_is_that_of_the_noise() {
         let motions = [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)];
         let motions = motions.iter().flat_map(|&(jerk, acceleration)| {
-            [0.0, 1e-9, 0.3, 1e5].map(|velocity| ProcessNoise { jerk, acceleration, velocity })
+            [0.0, 1e-9, 0.3, 1e5].map(|velocity| ProcessNoise {
+                velocity,
+                acceleration,
+                ..ProcessNoise::with_jerk(jerk)
+            })
         });
         for motion in motions {
             for t in [1e-3, 0.4, 1.0, 60.0] {

@@ -48,7 +48,7 @@ pub(super) fn of_three<const M: usize, const N: usize>(
     }
     for state in moved([a, b, c], motion, &t) {
         for (i, m, n) in (0..N).flat_map(|r| (0..ENOUGH).map(move |n| (r % M, r / M, n))) {
-            p[m * M + i][n * M + i] += state[m] * state[n];
+            p[m * M + i][n * M + i] += motion.on(i, M) * state[m] * state[n];
         }
     }
     (0..M).for_each(|_| logarithms.add(0.5 * a * b * c));

@@ -51,7 +51,8 @@ impl Quick {
 
     fn likelihood_of_axes(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         let mut sum = Summary { log_likelihood: 0.0, count: 0 };
-        for axis in &track.axes {
+        for (at, axis) in track.axes.iter().enumerate() {
+            let motion = motion.times(motion.on(at, track.dimension));
             let own = with_buffers!(self, axis, likelihood(axis, motion));
             let Summary { log_likelihood, count } = own?;
             sum.log_likelihood += log_likelihood;

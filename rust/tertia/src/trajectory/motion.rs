@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::path::Path;
-use crate::smoothing::{Family, ProcessNoiseFit, Track};
+use crate::smoothing::{Family, Part, Track};
 use nalgebra::SMatrix;
 
 /// Largest error of the logarithm of an intensity with which its likelihood is nearly a parabola.
@@ -20,16 +20,40 @@ const MOST_STEPS: i32 = 80;
 const STATE: usize = 3;
 
 /// Averages the covariances over intensities, weighted by their likelihood and a prior on their logarithm
-/// that rises with the fourth root of the intensity. Returns the covariance of the best path if the record
-/// does not determine the intensity.
+/// that rises with the fourth root of the intensity; if the vertical motion has an intensity of its own, over
+/// that as well. Returns the covariance of the best path if the record does not determine the intensity.
 pub(super) fn mixed<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     best: &Path,
 ) -> Result<Vec<f64>, Failure> {
-    let paths = likely(setting, found, best)?;
+    let part = Part::of(best.fit.motion);
+    let mut mixed = average::<N>(&likely(setting, found, best, part)?, best);
+    if part == Part::Others {
+        let vertical = average::<N>(&likely(setting, found, best, Part::Last)?, best);
+        widen::<N>(&mut mixed, &vertical, &best.covariance);
+    }
+    Ok(mixed)
+}
+
+/// Multiplies standard deviations by the ratio of two others, and covariances with them.
+fn widen<const N: usize>(covariance: &mut [f64], wide: &[f64], narrow: &[f64]) {
+    let states = covariance.chunks_exact_mut(N * N);
+    for ((own, wide), narrow) in
+        states.zip(wide.chunks_exact(N * N)).zip(narrow.chunks_exact(N * N))
+    {
+        let by: [f64; N] =
+            std::array::from_fn(|i| (wide[i * (N + 1)] / narrow[i * (N + 1)]).sqrt());
+        if by.iter().all(|by| by.is_finite()) {
+            (0..N * N).for_each(|at| own[at] *= by[at / N] * by[at % N]);
+        }
+    }
+}
+
+/// Covariances of the mixture of some paths, each with the rise of its prior, about the best one.
+fn average<const N: usize>(paths: &[(Path, f64)], best: &Path) -> Vec<f64> {
     if paths.is_empty() {
-        return Ok(best.covariance.clone());
+        return best.covariance.clone();
     }
     let value = |(path, rise): &(Path, f64)| path.summary.log_likelihood + PRIOR * rise;
     let top = paths.iter().map(value).fold(f64::NEG_INFINITY, f64::max);
@@ -52,32 +76,40 @@ pub(super) fn mixed<const D: usize, const N: usize>(
             }
         }
     }
-    Ok(mixed)
+    mixed
 }
 
-/// Returns the paths of all likely intensities, each with the logarithm of its intensity less some constant;
-/// none if the record does not determine the intensity. If the fitted intensity is well known, these are
-/// intensities around it, and around that of the other family if that is likely. Otherwise the intensities
-/// begin with one that is practically zero and rise until they are unlikely.
+/// Returns the paths of all likely intensities of a part of the axes, each with the logarithm of its intensity
+/// less some constant; none if the record does not determine the intensity. If the fitted intensity is well
+/// known, these are intensities around it, and around that of the other family if that is likely. Otherwise the
+/// intensities begin with one that is practically zero and rise until they are unlikely.
 fn likely<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     best: &Path,
+    part: Part,
 ) -> Result<Vec<(Path, f64)>, Failure> {
     let time = setting.record.time;
     let track = found.plots.track(time, D)?;
-    if is_well_known(&best.fit) {
-        let mut paths = around(setting, &track, best.clone());
-        let other =
-            setting.smoother.other(&track, best.fit.motion, best.summary.log_likelihood - FALL);
-        if let Some(fit) = other.filter(is_well_known) {
+    let error = match part {
+        Part::Last => setting.smoother.error_of(&track, best.fit.motion, part),
+        Part::All | Part::Others => best.fit.relative_error,
+    };
+    if error < WELL_KNOWN {
+        let mut paths = around(setting, &track, best.clone(), part, error);
+        let least = best.summary.log_likelihood - FALL;
+        let other = match part {
+            Part::Last => None,
+            _ => setting.smoother.other(&track, best.fit.motion, least),
+        };
+        if let Some(fit) = other.filter(|fit| fit.relative_error < WELL_KNOWN) {
             let path = setting.smoother.smooth(&track, fit, N);
-            paths.extend(around(setting, &track, path));
+            paths.extend(around(setting, &track, path, part, fit.relative_error));
         }
         return Ok(paths);
     }
     let family = Family::that_has(best.fit.motion);
-    let of = family.of(&track);
+    let of = family.part(part, &track, best.fit.motion);
     let known_at: Vec<usize> = (0..time.len()).filter(|&t| found.plots.is_known(t, D)).collect();
     let mut times: Vec<f64> = known_at.iter().map(|&t| time[t]).collect();
     times.dedup();
@@ -107,21 +139,18 @@ fn likely<const D: usize, const N: usize>(
     Ok(paths)
 }
 
-/// Whether the likelihood is nearly a parabola of the logarithm of the intensity.
-fn is_well_known(fit: &ProcessNoiseFit) -> bool {
-    fit.relative_error < WELL_KNOWN
-}
-
-/// Returns a path with a well known intensity and paths with others around it, each with the logarithm of its
-/// intensity less that of the first.
+/// Returns a path with a well known intensity of a part of the axes and paths with others around it, each with
+/// the logarithm of its intensity less that of the first.
 fn around<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     track: &Track<'_>,
     best: Path,
+    part: Part,
+    error: f64,
 ) -> Vec<(Path, f64)> {
     let family = Family::that_has(best.fit.motion);
-    let of = family.of(track);
-    let (log, error) = (family.log(best.fit.motion), best.fit.relative_error);
+    let of = family.part(part, track, best.fit.motion);
+    let log = family.log_of(part, best.fit.motion);
     let mut paths = vec![(best, 0.0)];
     for step in STEPS {
         let path = setting.smoother.smooth(track, known(of(log + step * error)), N);

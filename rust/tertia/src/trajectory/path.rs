@@ -6,13 +6,19 @@ use crate::base::interrupt::poll;
 use crate::base::small::{Matrix, Vector};
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
-    Family, Noise, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace, likeliest,
-    likeliest_other, likelihood, relative_error, smooth,
+    Family, Noise, Part, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace,
+    likeliest, likeliest_other, likeliest_part, likelihood, relative_error, smooth,
 };
 
 /// Ratio of a variance to the variance that remains with later instants, beyond which the quick smoother is
 /// not accurate enough: up to this ratio, variances are correct to 1e-4.
 const LOSS: f64 = 1e7;
+
+/// Gain of the log-likelihood from which the vertical motion has its own intensity, and from which another round
+/// of fits follows; the largest number of rounds.
+const CLEARLY: f64 = 2.0;
+const AGAIN: f64 = 0.1;
+const ROUNDS: usize = 3;
 
 /// Positions with their covariances, (N, D) and (N, D, D); nan where unknown.
 #[derive(Clone, Debug)]
@@ -81,6 +87,8 @@ impl Path {
 /// Buffers of the smoothers.
 #[derive(Debug, Default)]
 pub(super) struct Smoother<const D: usize, const N: usize> {
+    /// Whether the last axis may have a motion of its own.
+    pub separates: bool,
     quick: Adjoint<D, N>,
     workspace: Workspace,
     whole: Vec<f64>,
@@ -90,7 +98,31 @@ pub(super) struct Smoother<const D: usize, const N: usize> {
 impl<const D: usize, const N: usize> Smoother<D, N> {
     /// Returns the likeliest motion; the search starts near another motion if one is given.
     pub fn fit(&mut self, track: &Track<'_>, near: Option<ProcessNoise>) -> ProcessNoiseFit {
-        likeliest(track, near, &mut |motion| self.likelihood(track, motion))
+        let separates = self.separates;
+        let last_axis = near.map_or(1.0, |motion| motion.last_axis);
+        let value = &mut |motion| self.likelihood(track, motion);
+        let mut fit =
+            likeliest(track, near, &mut |motion| value(ProcessNoise { last_axis, ..motion }));
+        fit.motion.last_axis = last_axis;
+        if !separates || fit == ProcessNoiseFit::UNDETERMINED {
+            return fit;
+        }
+        let (mut motion, mut top) = (fit.motion, value(fit.motion));
+        let least = if last_axis == 1.0 { top + CLEARLY } else { top };
+        for _ in 0..ROUNDS {
+            let before = top;
+            for part in [Part::Last, Part::Others] {
+                if let Some(found) =
+                    likeliest_part(track, motion, part, value).filter(|f| f.1 > top)
+                {
+                    (motion, top) = found;
+                }
+            }
+            if top < least || top - before < AGAIN {
+                break;
+            }
+        }
+        if top > least { ProcessNoiseFit { motion, relative_error: f64::NAN } } else { fit }
     }
 
     /// Returns the likeliest motion of the other family with its error, if its log-likelihood is at least
@@ -101,8 +133,10 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         motion: ProcessNoise,
         least: f64,
     ) -> Option<ProcessNoiseFit> {
-        let value = &mut |motion| self.likelihood(track, motion);
-        let (fit, top) = likeliest_other(track, motion, least, value)?;
+        let last_axis = motion.last_axis;
+        let value = &mut |motion| self.likelihood(track, ProcessNoise { last_axis, ..motion });
+        let (mut fit, top) = likeliest_other(track, motion, least, value)?;
+        fit.motion.last_axis = last_axis;
         (top >= least).then(|| self.with_error(track, fit))
     }
 
@@ -117,12 +151,18 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         if !fit.relative_error.is_nan() {
             return fit;
         }
-        let family = Family::that_has(fit.motion);
-        let of = family.of(track);
+        let relative_error = self.error_of(track, fit.motion, Part::of(fit.motion));
+        ProcessNoiseFit { relative_error, ..fit }
+    }
+
+    /// Returns the error of the logarithm of the intensity of a part of the axes.
+    pub fn error_of(&mut self, track: &Track<'_>, motion: ProcessNoise, part: Part) -> f64 {
+        let family = Family::that_has(motion);
+        let of = family.part(part, track, motion);
         let mut value = |log: f64| self.likelihood(track, of(log));
-        let log = family.log(fit.motion);
+        let log = family.log_of(part, motion);
         let top = value(log);
-        ProcessNoiseFit { relative_error: relative_error(log, top, &mut value), ..fit }
+        relative_error(log, top, &mut value)
     }
 
     /// Returns the states, with covariances of the first `components` components.

@@ -68,10 +68,15 @@ fn both_ways_of_smoothing_agree() {
     }
     let track = Track::try_new(2, &time, &y, Noise::Same(&NOISE), None).unwrap();
     let wandering = [(1e-12, 1e-3), (1e-9, 2.0), (0.3, 0.3)];
-    let wandering =
-        wandering.map(|(jerk, acceleration)| ProcessNoise { jerk, acceleration, velocity: 0.0 });
-    for motion in [0.0, 1e-8, 1e-2, 10.0].map(ProcessNoise::with_jerk).into_iter().chain(wandering)
-    {
+    let wandering = wandering
+        .map(|(jerk, acceleration)| ProcessNoise { acceleration, ..ProcessNoise::with_jerk(jerk) });
+    let stiff = [1e-6, 1e3].map(|last_axis| ProcessNoise {
+        last_axis,
+        acceleration: 0.3,
+        ..ProcessNoise::with_jerk(1e-2)
+    });
+    let jerks = [0.0, 1e-8, 1e-2, 10.0].map(ProcessNoise::with_jerk);
+    for motion in jerks.into_iter().chain(wandering).chain(stiff) {
         let both = Both::of(&track, motion, f64::INFINITY);
         let [expected, quick] = both.log_likelihood;
         assert!((quick - expected).abs() < 1e-9 * expected.abs());
@@ -107,8 +112,10 @@ fn the_first_three_plots_as_by_rows() {
     let y = [3.0, -1.0, 4.0, 1.0, 9.0, 2.0];
     for times in [[0.0, 1.0, 2.0], [5.0, 5.3, 9.0]] {
         let track = Track::try_new(2, &times, &y, Noise::Each(&matrices), None).unwrap();
-        for (jerk, acceleration) in [(0.0, 0.0), (1e-3, 0.0), (2.0, 0.0), (1e-6, 0.7)] {
-            let motion = ProcessNoise { jerk, acceleration, velocity: 0.0 };
+        for (jerk, acceleration, last_axis) in
+            [(0.0, 0.0, 1.0), (1e-3, 0.0, 1.0), (2.0, 0.0, 50.0), (1e-6, 0.7, 1e-4)]
+        {
+            let motion = ProcessNoise { acceleration, last_axis, ..ProcessNoise::with_jerk(jerk) };
             let (x, p, logarithms) = of_three::<2, 6>(&track, motion).unwrap();
             let mut engine = Adjoint::<2, 6>::default();
             let (expected, _, total) = engine.open(&track, motion, None, &mut []).unwrap();

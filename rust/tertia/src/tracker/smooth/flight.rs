@@ -16,6 +16,11 @@ const STEPS: [(f64, f64); 2] = [(30.48, 10.0), (7.62, 6.0)];
 /// Difference below which heights are equal, and by which a difference may fall short of a step, m.
 const SAME: f64 = 1.0;
 
+/// Sharpness of manoeuvres relative to usual ones, and the gain of the logarithm of the density of
+/// the plots from which manoeuvres are that sharp.
+const SHARPER: [f64; 2] = [2.0, 5.0];
+const CLEARLY: f64 = 5.0;
+
 /// A plot of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackPlot {
@@ -103,7 +108,7 @@ pub(super) fn smooth(
         fixes: plots.iter().map(fix).collect(),
         used: plots.iter().map(|plot| plot.used).collect(),
     };
-    let found = record.smooth(movement, &wanted, guard);
+    let found = likeliest(movement, &mut record, &wanted, guard);
     let heights = Heights::new(plots, &record.used, &wanted, guard);
     let used: Vec<f64> =
         (0..plots.len()).filter(|&i| record.used[i]).map(|i| plots[i].time).collect();
@@ -128,6 +133,33 @@ pub(super) fn smooth(
         }));
     }
     rows
+}
+
+/// Smooths the plots, and again with sharper manoeuvres if plots are too far from the states. What
+/// makes the plots clearly likelier is kept: a target that manoeuvres more sharply than most would
+/// otherwise lose its plots in turns.
+fn likeliest(
+    movement: &Movement,
+    record: &mut Record<2>,
+    wanted: &[f64],
+    guard: f64,
+) -> Passes<STATES, MODELS, 2> {
+    let given = record.clone();
+    let mut found = record.smooth(movement, wanted, guard);
+    let mut top = found.log_density(guard);
+    if record.used == given.used {
+        return found;
+    }
+    for factor in SHARPER {
+        let mut again = given.clone();
+        let other = again.smooth(&movement.sharper(factor), wanted, guard);
+        let value = other.log_density(guard);
+        if value < top + CLEARLY {
+            break;
+        }
+        (*record, found, top) = (again, other, value);
+    }
+    found
 }
 
 /// The times of the plots and the additional times, in order and each only once.

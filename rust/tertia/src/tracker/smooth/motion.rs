@@ -93,6 +93,18 @@ impl Movement {
         }
     }
 
+    /// The same for targets whose manoeuvres are `factor` times as sharp: they also change faster.
+    pub(super) fn sharper(self, factor: f64) -> Self {
+        let [walk, sigma] = self.turn_rate;
+        let [straight, turn, speed] = self.sigma;
+        Self {
+            sigma: [straight, factor * turn, speed],
+            turn_rate: [factor * factor * walk, factor * sigma],
+            acceleration: self.acceleration.map(|own| factor * own),
+            ..self
+        }
+    }
+
     /// Straight flight alone, with this standard deviation of the acceleration, m/s².
     fn straight(sigma: f64) -> Self {
         Self {

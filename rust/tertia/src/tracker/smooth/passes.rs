@@ -2,7 +2,7 @@
 
 use super::mixture::{Fix, Mixture, State};
 use super::two_filter::{Instant, Models, Place, TwoFilter};
-use crate::base::small::{Matrix, Vector};
+use crate::base::small::{Factor, Matrix, Vector};
 use std::ops::Range;
 
 /// A state with the probabilities of the models and the means of their own states.
@@ -26,6 +26,7 @@ pub(super) struct Innovation<const D: usize> {
 }
 
 /// Measurements of one target, in the order of time, and whether each of them is used.
+#[derive(Clone)]
 pub(super) struct Record<const D: usize> {
     pub time: Vec<f64>,
     pub fixes: Vec<Fix<D>>,
@@ -132,6 +133,18 @@ impl<const D: usize> Record<D> {
             distance: state.distance(fix)?,
             distance_of_rate: distance_of_rate.unwrap_or(0.0),
         })
+    }
+}
+
+impl<const N: usize, const M: usize, const D: usize> Passes<N, M, D> {
+    /// Logarithm of the density of the measurements, each given all others, less a constant. A
+    /// measurement farther than `guard` counts as one at that distance.
+    pub fn log_density(&self, guard: f64) -> f64 {
+        let one = |own: &Innovation<D>| {
+            let factor = Factor::try_new(&own.covariance, 0.0);
+            -0.5 * (own.distance.min(guard) + factor.map_or(0.0, |own| own.ln_determinant()))
+        };
+        self.innovations.iter().flatten().map(one).sum()
     }
 }
 

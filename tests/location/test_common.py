@@ -1,0 +1,120 @@
+"""Errors that one sensor has at several places: a direction finder that moves."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tertia._arrays import FloatArray
+from tertia.location import locate
+from tertia.sensors import Bias, Station
+
+INSIDE = 5.991
+SIGMA = np.radians(2.0)
+
+
+def drive(rng: np.random.Generator, count: int, *, curved: bool) -> tuple[FloatArray, FloatArray]:
+    """Return places of a finder on a line or an arc, and an emitter."""
+    u = np.linspace(-1, 1, count)
+    if curved:
+        path = 300 * np.column_stack([np.cos(2.5 * u), np.sin(2.5 * u)])
+        return path, rng.uniform(-100, 100, 2)
+    path = np.column_stack([400 * u, 20 * np.sin(3 * u)])
+    return path, np.array([rng.uniform(-100, 100), 300.0])
+
+
+def bearings(
+    rng: np.random.Generator, path: FloatArray, emitter: FloatArray, offset: float
+) -> FloatArray:
+    away = emitter - path
+    return np.arctan2(away[:, 0], away[:, 1]) + SIGMA * rng.standard_normal(len(path)) + offset
+
+
+def stations(path: FloatArray, name: str | None, **options: Any) -> list[Station]:
+    return [Station(place, azimuth_sigma=SIGMA, name=name, **options) for place in path]
+
+
+def scored(offset: float, *, curved: bool, runs: int = 60, **options: Any) -> tuple[float, float]:
+    """Return RMSE and the share of emitters inside their 95 % ellipse."""
+    square, inside = [], []
+    for seed in range(runs):
+        rng = np.random.default_rng([615, seed])
+        path, emitter = drive(rng, 60, curved=curved)
+        azimuth = bearings(rng, path, emitter, offset * rng.standard_normal())
+        found = locate(stations(path, "car", **options), azimuth=azimuth)
+        error = found.position - emitter
+        square.append(error @ error)
+        inside.append(error @ np.linalg.solve(found.covariance, error) < INSIDE)
+    return float(np.sqrt(np.mean(square))), float(np.mean(inside))
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_misaligned_antenna_is_found(curved: bool) -> None:
+    rmse, inside = scored(SIGMA, curved=curved)
+    assert inside >= 0.85
+    assert rmse < (4.0 if curved else 12.0)
+
+
+def test_a_stated_misalignment_does_not_average_out() -> None:
+    rmse, inside = scored(SIGMA, curved=False, bias=Bias(azimuth_sigma=SIGMA))
+    assert inside >= 0.88
+    assert rmse < 9.0
+
+
+def test_an_aligned_antenna_costs_little() -> None:
+    rmse, inside = scored(0.0, curved=False)
+    assert inside >= 0.9
+    assert rmse < 6.0
+
+
+def test_the_bias_is_that_of_the_sensor() -> None:
+    rng = np.random.default_rng(4)
+    path, emitter = drive(rng, 200, curved=True)
+    azimuth = bearings(rng, path, emitter, np.radians(5.0))
+    found = locate(stations(path, "car"), azimuth=azimuth)
+    assert found.systematic == "estimated"
+    assert found.bias is not None
+    assert np.ptp(found.bias.azimuth) == 0
+    error = np.asarray(found.bias.azimuth)[0] - np.radians(5.0)
+    sigma = np.asarray(found.bias.azimuth_sigma)[0]
+    assert abs(error) < 3 * sigma < np.radians(2.0)
+    # a batch of one is the same
+    one = locate(stations(path, "car"), azimuth=azimuth[np.newaxis])
+    np.testing.assert_array_equal(one.position[0], found.position)
+    np.testing.assert_array_equal(one.covariance[0], found.covariance)
+    # regions are as large as the covariance
+    region = found.region(0.95)
+    area = np.pi * INSIDE * np.sqrt(np.linalg.det(found.covariance))
+    assert region.area == pytest.approx(area, rel=0.3)
+
+
+def test_two_sensors_have_an_error_each() -> None:
+    rng = np.random.default_rng(5)
+    first, emitter = drive(rng, 60, curved=True)
+    second = first @ np.array([[0.0, 1.0], [-1.0, 0.0]]) * 1.5
+    offsets = np.radians([4.0, -3.0])
+    azimuth = np.concatenate(
+        [
+            bearings(rng, path, emitter, own)
+            for path, own in zip((first, second), offsets, strict=True)
+        ]
+    )
+    found = locate([*stations(first, "a"), *stations(second, "b")], azimuth=azimuth)
+    error = found.position - emitter
+    assert error @ np.linalg.solve(found.covariance, error) < 9.2
+    assert found.bias is not None
+    value = np.asarray(found.bias.azimuth)
+    np.testing.assert_allclose(value[[0, -1]], offsets, atol=np.radians(1.5))
+
+
+def test_what_is_left_as_it_was() -> None:
+    rng = np.random.default_rng(6)
+    path, emitter = drive(rng, 30, curved=True)
+    azimuth = bearings(rng, path, emitter, 0.0)
+    nameless = locate(stations(path, None), azimuth=azimuth)
+    each = [Station(place, azimuth_sigma=SIGMA, name=str(k)) for k, place in enumerate(path)]
+    np.testing.assert_array_equal(locate(each, azimuth=azimuth).covariance, nameless.covariance)
+    exact = locate(stations(path, "car"), azimuth=azimuth, bias=Bias())
+    np.testing.assert_array_equal(
+        exact.covariance, locate(stations(path, None), azimuth=azimuth, bias=Bias()).covariance
+    )
