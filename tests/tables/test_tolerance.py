@@ -217,3 +217,14 @@ def test_a_tolerance_is_no_less_than_zero(tolerance: float) -> None:
     _, table = scene(1, 3)
     with pytest.raises(ValueError, match=r"tolerance is .*; it must be at least 0 seconds"):
         tables.locate(table, sensors=stations(), tolerance=tolerance)
+
+
+@pytest.mark.parametrize("count", [39, 40, 60])
+def test_bearings_that_rounding_made_equal_have_the_stated_sigma(count: int) -> None:
+    emitter, table = scene(5, count)
+    step = 30.0
+    rounded = table.with_columns((pl.col("azimuth_deg") / step).round() * step % 360)
+    found = tables.locate(rounded, sensors=stations(), tolerance=np.inf)
+    assert np.isfinite(found.select("east_m", "north_m", "east_sigma_m").row(0)).all()
+    assert found["measurement_count"].item() == len(PLACES)
+    assert np.hypot(*(np.array(found.select("east_m", "north_m").row(0)) - emitter)) < 5e3

@@ -204,6 +204,19 @@ def test_heights():
     assert 0.5 < np.mean(squares) < 1.2
 
 
+def test_turns_of_three_g_keep_their_plots():
+    """Sharper manoeuvres are assumed where usual ones leave out plots, not where outliers do."""
+    inside, left_out = [], []
+    for seed in range(6):
+        _, position, _, plots = turning(seed, speed=220.0, rate=0.13)
+        smoothed = smooth_tracks(plots, [RADAR])
+        error = smoothed.position - position[smoothed.plot]
+        inside.append(metrics.nees(error, smoothed.covariance[:, :2, :2]) < 5.991)
+        left_out.append(smoothed.outlier)
+    assert np.mean(np.concatenate(inside)) > 0.88
+    assert np.mean(np.concatenate(left_out)) < 0.03
+
+
 def test_a_gap_is_bridged_with_a_covariance_that_grows():
     squares, growth = [], []
     for seed in range(20):

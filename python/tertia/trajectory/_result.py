@@ -52,9 +52,9 @@ class Trajectory(Result):
         error was found and that none is likely. `bias` is None with "temporal-first" and with local
         polynomials.
     smoothed : SmoothedPositions or None
-        Further results of the smoother: likelihood, innovations, and the jerk, which in space is that
-        of the horizontal motion if the vertical one differs. It is None with local
-        polynomials and with "temporal-first".
+        Further results of the smoother: likelihood, innovations, and the jerk, which in space is
+        that of the horizontal motion if the vertical one differs. It is None with local polynomials
+        and with "temporal-first".
     mirror_image : ndarray of shape (N, D) or None
         Mirror image of the path on the other side of the stations, if it explains the measurements
         (almost) equally well; None if it does not, or if `initial` gives the side.
