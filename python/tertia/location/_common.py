@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -126,9 +127,10 @@ def _groups_of(
     if not isinstance(stations, Sequence) or own.deviating:
         return []
     names = [one.name if isinstance(one, Station) else None for one in stations]
-    several = {name for name in names if name is not None and names.count(name) >= _FEWEST}
     found = []
-    for name in sorted(several):
+    for name, count in Counter(names).items():
+        if not name or count < _FEWEST:
+            continue
         at = np.flatnonzero([one == name for one in names])
         for row, kind in enumerate(ERRORS):
             if kind not in measured or kind == "arrival_time":

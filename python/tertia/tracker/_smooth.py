@@ -235,7 +235,8 @@ def smooth_tracks(
     -----
     A plot is left out, and the track smoothed again, if the plot is outside the guard gate
     (probability 0.998) about the estimate from all other plots, and farther from that estimate than
-    the adjacent plots are. Reported velocities are left out by the same rule. The cost is O(N) for
+    the adjacent plots are. Reported velocities are left out by the same rule. If more plots are
+    left out than by chance, sharper manoeuvres are tried, too. The cost is O(N) for
     N plots and times. States at the times of plots do not depend on additional times.
 
     The covariances do not include the remaining systematic errors of the radars. If no plot of the

@@ -470,7 +470,7 @@ _NO_PATH = {
     "mirrored": "two paths explain the measurements (almost) equally well: a path and its mirror "
     "image, neither of which is above the stations; give initial, or measure something else",
     "unbounded": "the measurements do not determine a path: a covariance is singular, too large or "
-    "too small; measure something else, give jerk or initial, or check the sigmas",
+    "too small; measure something else, give jerk or initial, or check sigmas and degrees",
     "diverged": "no path was found that agrees with the measurements; give jerk or initial, or "
     "check the positions, sigmas and clocks of the stations",
 }

@@ -328,8 +328,10 @@ impl States {
             found.settle(true);
         }
         found.is_last = true;
-        // earlier, a stiff vertical motion could hold the path at a wrong height
-        setting.smoother.separates = D == 3 && setting.motion.is_none();
+        // earlier, a stiff vertical motion could hold the path at a wrong height; near the plane of the
+        // stations, heights are hardly known
+        let is_near = found.sides.as_ref().is_some_and(|own| own.is_near(&found.path.mean, N));
+        setting.smoother.separates = D == 3 && setting.motion.is_none() && !is_near;
         if setting.smoother.separates {
             (0..REFITS).try_for_each(|_| found.relinearise(setting, None, scale).map(drop))?;
         }

@@ -103,8 +103,11 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         let value = &mut |motion| self.likelihood(track, motion);
         let mut fit =
             likeliest(track, near, &mut |motion| value(ProcessNoise { last_axis, ..motion }));
+        if fit == ProcessNoiseFit::UNDETERMINED {
+            return fit;
+        }
         fit.motion.last_axis = last_axis;
-        if !separates || fit == ProcessNoiseFit::UNDETERMINED {
+        if !separates {
             return fit;
         }
         let (mut motion, mut top) = (fit.motion, value(fit.motion));

@@ -20,6 +20,8 @@ const SAME: f64 = 1.0;
 /// the plots from which manoeuvres are that sharp.
 const SHARPER: [f64; 2] = [2.0, 5.0];
 const CLEARLY: f64 = 5.0;
+/// Largest share of plots that are left out by chance.
+const CHANCE: f64 = 0.005;
 
 /// A plot of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,9 +137,9 @@ pub(super) fn smooth(
     rows
 }
 
-/// Smooths the plots, and again with sharper manoeuvres if plots are too far from the states. What
-/// makes the plots clearly likelier is kept: a target that manoeuvres more sharply than most would
-/// otherwise lose its plots in turns.
+/// Smooths the plots, and again with sharper manoeuvres if more plots are left out than by chance.
+/// What makes the plots clearly likelier is kept: a target that manoeuvres more sharply than most
+/// would otherwise lose its plots in turns.
 fn likeliest(
     movement: &Movement,
     record: &mut Record<2>,
@@ -147,7 +149,9 @@ fn likeliest(
     let given = record.clone();
     let mut found = record.smooth(movement, wanted, guard);
     let mut top = found.log_density(guard);
-    if record.used == given.used {
+    let count = |used: &[bool]| used.iter().filter(|used| **used).count();
+    let left_out = count(&given.used) - count(&record.used);
+    if left_out as f64 <= CHANCE * given.used.len() as f64 {
         return found;
     }
     for factor in SHARPER {
