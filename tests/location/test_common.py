@@ -118,3 +118,17 @@ def test_what_is_left_as_it_was() -> None:
     np.testing.assert_array_equal(
         exact.covariance, locate(stations(path, None), azimuth=azimuth, bias=Bias()).covariance
     )
+
+
+def test_an_error_is_no_full_circle() -> None:
+    """With a sigma of 20°, errors that are tried would otherwise reach the same bearing again."""
+    rng = np.random.default_rng(7)
+    path, emitter = drive(rng, 60, curved=True)
+    sigma = np.radians(20.0)
+    away = emitter - path
+    azimuth = np.arctan2(away[:, 0], away[:, 1]) + sigma * rng.standard_normal(60)
+    found = locate([Station(at, azimuth_sigma=sigma, name="car") for at in path], azimuth=azimuth)
+    assert found.bias is not None
+    assert np.asarray(found.bias.azimuth_sigma)[0] < np.radians(6.0)
+    error = found.position - emitter
+    assert error @ np.linalg.solve(found.covariance, error) < INSIDE

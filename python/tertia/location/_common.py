@@ -22,6 +22,8 @@ _FEWEST = 3
 _TUKEY = 4.685
 # errors that are tried at first, in standard deviations of the prior, and their number
 _SPAN, _POINTS = 30.0, 61
+# and the largest error of an angle: beyond a half circle, errors are those of the other side
+_WIDEST = np.pi / 2
 # rounds in which the errors that are tried come closer, and the fall of ln of the density from its
 # top beyond which an error is unlikely
 _ROUNDS, _FALL = 4, 12.0
@@ -191,7 +193,9 @@ def _marginal(
     random = float(np.median(sigmas[KINDS.index(group.kind), group.stations]))
     is_stated = np.isfinite(group.sigma)
     wide = group.sigma if is_stated else random
-    low, high = -_SPAN * max(wide, random), _SPAN * max(wide, random)
+    high = _SPAN * max(wide, random)
+    high = high if group.kind == "range" else min(high, _WIDEST)
+    low = -high
     factor = 1.0
     for turn in range(_ROUNDS):
         errors = np.linspace(low, high, _POINTS)
