@@ -158,9 +158,9 @@ class Multiple:
 
     def __init__(self, x, p, radar, manoeuvres):
         self.settings, self.radar = manoeuvres, radar
-        turning = manoeuvres.turn_time / (manoeuvres.turn_time + manoeuvres.straight_time)
-        self.probability = np.array([1 - turning, turning, 0.0])
-        self.straight, self.turn = (x, p), self._entering(x, p, manoeuvres.turn_rate_sigma)
+        # the target may have turned for long
+        self.probability = np.array([0.75, 0.25, 0.0])
+        self.straight, self.turn = (x, p), self._entering(x, p, 2.0 * manoeuvres.turn_rate_sigma)
         self.level, self.lag, self.scatter = 0.0, np.zeros(2), 1.0
         self.interval, self.since = 0.0, 0.0
         self._forget()
@@ -503,8 +503,9 @@ class Window:
 def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=350.0):
     """Estimates after each plot, and whether it was in the guard gate.
 
-    The third plot confirms the track; `begin` then makes its model. Times are multiples of the
-    period, from which plots may be missing.
+    The third plot confirms the track; `begin` then makes its model, or before, as soon as the
+    velocity is known if the model has turns. Times are multiples of the period, from which plots
+    may be missing.
     """
     x = np.array([*positions[0], 0.0, 0.0])
     p = np.zeros((4, 4))
@@ -528,10 +529,14 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
         mean, _, _ = model.estimate()
         r = noise(mean[:2], radar)
         model.correct(positions[k], r)
-        model.saw(positions[k] - mean[:2], before[:2, :2] + r)
+        if k > 2:
+            model.saw(positions[k] - mean[:2], before[:2, :2] + r)
         model.watch()
-        if k == 2:
-            model = begin(model.x, model.p, radar)
+        if isinstance(model, Straight) and k <= 2:
+            own = begin(model.x, model.p, radar)
+            is_known = np.trace(model.p[2:, 2:]) / 2 < (0.25 * speed_max) ** 2
+            if k == 2 or (is_known and isinstance(own, Multiple)):
+                model = own
         found.append((*model.shown(), is_beyond))
     return tuple(np.array(column) for column in zip(*found, strict=True))
 

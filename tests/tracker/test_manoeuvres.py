@@ -53,3 +53,26 @@ def test_straight_flight_does_not_pay_for_it():
     error, inside = velocities([flown(k, 150.0, 1.0, 1.0, 1e4) for k in range(30)])
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.8
     assert inside > 0.98
+
+
+def test_targets_that_appear_in_a_turn_may_have_turned_for_long():
+    """As all targets of a recording that begins near an airport."""
+    inside, errors = [], []
+    for seed in range(40):
+        rng = np.random.default_rng([31, seed])
+        # 200 m/s, 1.4 to 3 degrees a second
+        rate = rng.choice([-1.0, 1.0]) * np.radians(rng.uniform(1.4, 3.0))
+        time = 4.0 * np.arange(10) + rng.uniform(0.0, 4.0)
+        course, radius = rng.uniform(0.0, 2.0 * np.pi) + rate * time, 200.0 / rate
+        position = radius * np.column_stack([-np.cos(course), np.sin(course)])
+        position += rng.uniform(20e3, 60e3, 2)
+        table = track(Plots(time, *noisy(position, RADAR, rng)), [RADAR])
+        rows = table[(table.plot >= 3) & (table.plot < 9)]
+        velocity = 200.0 * np.column_stack([np.sin(course), np.cos(course)])[rows.plot]
+        off = rows.velocity - velocity
+        inverse = np.linalg.inv(rows.covariance[:, 2:, 2:])
+        inside.extend(np.einsum("ni,nij,nj->n", off, inverse, off) < 5.99)
+        errors.extend(np.hypot(*off.T))
+    # .68 and 37 m/s if all targets have flown straight when they appear
+    assert np.mean(inside) > 0.78
+    assert np.sqrt(np.mean(np.square(errors))) < 28.0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tracker.flights import RADAR, polar
+from tracker.flights import RADAR, noisy, polar
 
 from tertia import simulate
 from tertia.sensors import Bias, Radar
@@ -52,6 +52,44 @@ def test_a_recording_is_tracked_with_the_noise_that_it_has(options, before, most
     table = track(plots, [RADAR])
     assert np.mean(normalised(table, position)) < most < before + 0.2
     assert len(np.unique(table.track[table.confirmed])) == TARGETS
+
+
+def turning_scene(period, seed):
+    """Return plots and paths of airliners that turn for an eighth of the time."""
+    rng = np.random.default_rng(seed)
+    radar = replace(RADAR, scan_period=period)
+    fine = np.arange(0.0, 900.0 + period)
+    parts = []
+    for k in range(20):
+        rate = np.zeros(len(fine))
+        for begin in rng.uniform(0.0, 900.0, 3).astype(int):
+            size, rate_of_one = np.radians(rng.uniform(30, 120)), np.radians(rng.uniform(1, 3))
+            rate[begin : begin + int(size / rate_of_one)] = rng.choice([-1, 1]) * rate_of_one
+        course = rng.uniform(0, 2 * np.pi) + np.cumsum(rate)
+        path = rng.uniform(-80e3, 80e3, 2) + 200.0 * np.cumsum(
+            np.stack([np.sin(course), np.cos(course)], axis=1), axis=0
+        )
+        time = np.arange(rng.uniform(0, period), 900.0, period)
+        position = np.stack([np.interp(time, fine, path[:, i]) for i in range(2)], axis=1)
+        distance, azimuth = noisy(position, radar, rng)
+        parts.append((time, distance, azimuth, np.full(len(time), 1 + k), position))
+    time, distance, azimuth, target, position = (
+        np.concatenate(one) for one in zip(*parts, strict=True)
+    )
+    return radar, Plots(time, distance, azimuth, icao_address=target), position
+
+
+def test_turns_of_a_few_scans_are_no_correlated_noise():
+    errors = []
+    for seed in range(3):
+        radar, plots, position = turning_scene(12.0, seed)
+        tracker = Tracker([radar])
+        rows = tracker.update(plots)
+        assert tracker.noise_factor == pytest.approx(1.0, abs=0.2)
+        rows = rows[rows.confirmed & (rows.plot >= 0)]
+        errors.append(np.mean(np.sum((rows.position - position[rows.plot]) ** 2, axis=1)))
+    # 200 m where the noise was taken for five to nine times as large as it is
+    assert np.sqrt(np.mean(errors)) < 130.0
 
 
 def test_live_tracks_use_the_noise_as_soon_as_it_is_known():

@@ -302,6 +302,58 @@ def test_reports_much_more_often_than_the_longest_interval_are_processed_in_orde
     assert figures[1] < 1.02 * figures[0]
 
 
+def drones(seed):
+    """Return 5 Hz positions of six drones without identities, which turn, and their paths."""
+    random = np.random.default_rng(seed)
+    fine = np.arange(0.0, 60.2, 0.01)
+    rate = np.repeat(random.choice([-0.6, 0.0, 0.6], (6, 7)), 900, axis=1)[:, : len(fine)]
+    course = random.uniform(0.0, 2 * np.pi, (6, 1)) + 0.01 * np.cumsum(rate, axis=1)
+    way = 0.12 * np.cumsum(np.stack([np.sin(course), np.cos(course)], axis=2), axis=1)
+    path = random.uniform(-200.0, 200.0, (6, 1, 2)) + way
+    time = np.sort(np.arange(0.0, 60.0, 0.2) + random.uniform(0.0, 0.2, (6, 1)), axis=1)
+    target = np.repeat(np.arange(6), time.shape[1])
+
+    def truth(target, time):
+        return path[target, np.round(100.0 * time).astype(int)]
+
+    time = np.round(time.ravel(), 2)
+    position = truth(target, time) + random.normal(0.0, 0.5, (len(time), 2))
+    order = np.argsort(time, kind="stable")
+    return Plots(time[order], position=position[order]), target[order], truth
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_reports_without_identities_may_come_more_often_than_stated(beside):
+    plots, target, truth = drones(1)
+    radar = Radar((-2e3, 0.0), range_sigma=5.0, azimuth_sigma=0.01, scan_period=4.0, bias=Bias())
+    figures = []
+    for interval in (1.0, 0.2):
+        sensor = PositionSensor(position_sigma=0.5, update_interval=interval, bias=Bias())
+        # the radar sees nothing
+        sensors = [sensor, radar] if beside else [sensor]
+        table = track(plots, sensors, profile="drone")
+        assert len(np.unique(table.track)) == 6
+        table = table[table.plot >= 0]
+        assert len(table) > 0.99 * len(plots)
+        assert np.all(table.time == plots.time[table.plot])
+        error = table.position - truth(target[table.plot], table.time)
+        assert np.mean(nees(error, table.covariance[:, :2, :2]) < 5.99) > 0.93
+        figures.append(rms(error))
+    assert figures[0] < 1.05 * figures[1]
+
+
+def test_copies_of_reports_with_the_same_time_do_no_harm():
+    time = np.arange(0.0, 400.0)
+    position = np.column_stack([180.0 * time, 60.0 * time]) + np.random.default_rng(2).normal(
+        0.0, 15.0, (400, 2)
+    )
+    plots = Plots(np.repeat(time, 2), position=np.repeat(position, 2, axis=0), icao_address=7)
+    sensor = PositionSensor(position_sigma=15.0, bias=Bias())
+    table = track(plots, [sensor])
+    assert len(np.unique(table.track)) == 1
+    assert np.mean(table.track_of_plot == 1) > 0.99
+
+
 def test_an_old_position_that_is_reported_again_is_not_used():
     random = np.random.default_rng(4)
     time = np.arange(0.0, 200.0)

@@ -32,6 +32,11 @@ pub(super) struct Multiple {
     agility: Agility,
 }
 
+/// Probability that a target turns when its track begins, more than later, as many sensors stand where targets
+/// turn; and the sigma of the rate of such a turn, which may have begun long ago, in those of turns that begin.
+const FIRST_TURNING: f64 = 0.25;
+const FIRST_RATES: f64 = 2.0;
+
 /// State of a target, by the model of its motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Filter {
@@ -58,6 +63,16 @@ impl Filter {
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
+    }
+
+    /// The same for a target that has just appeared: it may have turned for long.
+    pub fn of_new(motion: &Motion, start: Estimate<4>) -> Self {
+        let mut filter = Self::new(motion, start);
+        if let (Self::Multiple(multiple), Motion::Imm(noise)) = (&mut filter, motion) {
+            let rate_variance = (FIRST_RATES * noise.turn_rate_sigma).powi(2);
+            multiple.bank = Bank::new(start, FIRST_TURNING, rate_variance);
+        }
+        filter
     }
 
     /// Predicts over the time `t`; `period` is the scan period of the radar.

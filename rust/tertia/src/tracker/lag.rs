@@ -400,12 +400,12 @@ impl LagTracker {
         };
         let (mut rest, mut last) = (&order[..], hold);
         loop {
-            let known = (self.tracker.tracks.len(), &self.tracker.settings);
-            let (now, later, end) = next_part((&own, rest), f64::INFINITY, known);
+            let next = self.tracker.waits().or(rest.first().map(|(time, _)| *time));
+            let from = next.unwrap_or(hold);
+            let (now, later, end) = next_part((&own, rest), [from, f64::INFINITY], &self.tracker);
             last = if end.is_some() { hold.max(until) } else { last };
-            let next = self.tracker.waits().or(now.first().map(|(time, _)| *time));
             let hold = end.unwrap_or(last);
-            let times = [next.unwrap_or(hold), hold, until];
+            let times = [from.min(hold), hold, until];
             let part = Part { plots: &own, now, levels: &levels, index, times };
             self.tracker.stretch(scan, &part, &mut report, sink, n_threads);
             rest = later;

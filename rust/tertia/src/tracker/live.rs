@@ -8,7 +8,7 @@ use super::ended::Ended;
 use super::level::Level;
 use super::noise::{Noise, assume, use_found};
 use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
-use super::repeats::{Repeats, next_part};
+use super::repeats::{ONCE, Repeats, next_part};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -262,9 +262,9 @@ impl Tracker {
         while let Some(next) = self.waits().or(rest.first().map(|p| p.0)) {
             poll();
             // together with the waiting plots no more than a scan, so that no target is in it twice
-            until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
-            let known = (self.tracks.len(), &self.settings);
-            let (now, later, end_of_part) = next_part((plots, rest), until, known);
+            let from = f64::max(until, next);
+            until = from + ONCE * period;
+            let (now, later, end_of_part) = next_part((plots, rest), [from, until], self);
             let wait = if end_of_part.is_some() { 0.0 } else { WAITING * period };
             until = end_of_part.unwrap_or(until);
             rest = later;

@@ -2,16 +2,18 @@
 //! tracks alone.
 //!
 //! Third differences of plots in four successive scans are free of positions, velocities and constant
-//! accelerations. The median of their squares yields the noise, whatever outliers there are. Products of
-//! second differences, one and two scans apart, show whether errors are correlated from scan to scan: their
-//! contrast is free of accelerations, too. The estimates do not depend on the filters, which use the
-//! estimated noise.
+//! accelerations. The median of their squares yields the noise, whatever outliers there are. Products of the
+//! signs of second differences, one and two scans apart, show whether errors are correlated from scan to scan:
+//! their contrast is nearly free of accelerations, too. The estimates do not depend on the filters, which use
+//! the estimated noise.
 
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
+use super::repeats::Interval;
 use super::settings::Settings;
 use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::FRAC_2_PI;
 
 /// Number of differences over which noise is estimated, and number before which no estimate is returned or
 /// used.
@@ -23,17 +25,14 @@ const TRACKS: u64 = 64;
 /// estimate.
 const MEDIAN: f64 = 0.454_936_423_119_572_7;
 const STEP: f64 = 2.33;
-/// Variances of third and second differences of independent errors of variance 1.
+/// Variance of third differences of independent errors of variance 1.
 const THIRD: f64 = 20.0;
-const SECOND: f64 = 6.0;
-/// Second differences are limited to this number of sigmas.
-const CLIP: f64 = 3.0;
 /// Standard deviations, times the root of the number of differences, of the logarithm of the variance, of the
 /// contrast if errors are independent, and of the contrast if they are correlated (simulated, because
 /// differences share plots).
 const SPREAD: f64 = 2.7;
-const CONTRAST: f64 = 3.5;
-const CONTRAST_LASTING: f64 = 2.6;
+const CONTRAST: f64 = 3.0;
+const CONTRAST_LASTING: f64 = 2.4;
 /// Numbers of sigmas by which noise must exceed the stated noise, and by which errors must be correlated,
 /// before this is used.
 const SURE: f64 = 2.0;
@@ -71,26 +70,27 @@ impl Size {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Lasting {
     count: f64,
-    /// Mean products of second differences zero, one and two scans apart.
-    products: [f64; 3],
+    /// Mean products of the signs of second differences one and two scans apart.
+    products: [f64; 2],
 }
 
 impl Lasting {
-    /// Updates the products by second differences, the last first, relative to the size of the errors.
-    fn saw(&mut self, seconds: [f64; 3]) {
+    /// Updates the products by second differences, the last first. Their signs alone count, as those in turns
+    /// are large.
+    fn saw(&mut self, [last, one, two]: [f64; 3]) {
         self.count = (self.count + 1.0).min(2.0 * WINDOW);
-        let last = seconds.map(|d| (d / SECOND.sqrt()).clamp(-CLIP, CLIP));
-        for (mean, other) in self.products.iter_mut().zip(last) {
-            *mean += (last[0] * other - *mean) / self.count;
+        for (mean, other) in self.products.iter_mut().zip([one, two]) {
+            *mean += ((last * other).signum() - *mean) / self.count;
         }
     }
 
     /// Smallest and largest likely correlation from scan to scan; none if errors may be independent.
     fn correlation(&self) -> Option<[f64; 2]> {
         let root = self.count.sqrt();
-        let [zero, one, two] = self.products;
-        let contrast = (one - two) / (zero - two);
-        let is_sure = self.count > 2.0 * ENOUGH && contrast > SURE_LASTING * CONTRAST / root - 1.0;
+        let [one, two] = self.products;
+        let contrast = (one - two) / (1.0 - two);
+        let least = contrast_of(0.0) + SURE_LASTING * CONTRAST / root;
+        let is_sure = self.count > 2.0 * ENOUGH && contrast > least;
         let within = SURE * CONTRAST_LASTING / root;
         is_sure.then(|| [-within, within].map(|off| correlation(contrast_of, contrast + off)))
     }
@@ -118,10 +118,14 @@ fn third_of(r: f64) -> f64 {
     (1.0 - r) * (10.0 - r * (5.0 - r)) / 10.0
 }
 
-/// Contrast (c₁ − c₂) / (c₀ − c₂) of the mean products cₖ of second differences k scans apart, for errors
-/// with this correlation from scan to scan.
+/// Contrast (c₁ − c₂) / (1 − c₂) of the mean products cₖ of the signs of second differences k scans apart, for
+/// normal errors with this correlation from scan to scan.
 fn contrast_of(r: f64) -> f64 {
-    -(5.0 - r * (6.0 - r * (4.0 - r))) / (5.0 + r * (1.0 - r * (3.0 - r)))
+    let zero = 6.0 - r * (8.0 - 2.0 * r);
+    let one = r * (7.0 - r * (4.0 - r)) - 4.0;
+    let two = 1.0 - r * (4.0 - r * (6.0 - r * (4.0 - r)));
+    let [one, two] = [one, two].map(|c| FRAC_2_PI * (c / zero).asin());
+    (one - two) / (1.0 - two)
 }
 
 /// Returns the correlation for which an increasing function has this value.
@@ -159,6 +163,7 @@ pub(super) struct Noise {
     sizes: [Size; 2],
     lasting: Lasting,
     pub outliers: Outliers,
+    pub interval: Interval,
     chains: Vec<Chain>,
 }
 
@@ -171,6 +176,7 @@ impl Noise {
             sizes: <[_; 2]>::default(),
             lasting: Lasting::default(),
             outliers: Outliers::default(),
+            interval: Interval::new(radar.scan_period),
             chains: Vec::new(),
         }
     }
@@ -192,6 +198,9 @@ impl Noise {
         let age = plot.time - chain.times[0];
         if chain.track != track && chain.count > 0 && age >= 0.0 && age < 3.0 * period {
             return;
+        }
+        if chain.track == track && settings.geometry(plot.radar).is_position() {
+            self.interval.saw(age.abs());
         }
         let before = chain.times[0] - chain.times[1];
         let even = age > 0.0 && (chain.count < 2 || (age - before).abs() < EVEN * before);
@@ -218,8 +227,7 @@ impl Noise {
                 if own.iter().all(|d| d.is_finite()) {
                     size.saw(own[0] - own[1]);
                     if chain.count >= 4 {
-                        let root = (-0.5 * size.level).exp();
-                        self.lasting.saw(own.map(|second| second * root));
+                        self.lasting.saw(own);
                     }
                 }
             }
@@ -236,7 +244,8 @@ impl Noise {
 
     /// Whether the estimated noise is so large that tracks would differ.
     pub fn differs(&self) -> bool {
-        self.found().iter().zip(self.stated).any(|(found, stated)| *found > DIFFERENT * stated)
+        let is_noisier = |(found, stated): (f64, f64)| found > DIFFERENT * stated;
+        self.interval.is_shorter() || self.found().into_iter().zip(self.stated).any(is_noisier)
     }
 
     /// Noise factor of both coordinates together, estimated over stated sigma; nan before there are enough
@@ -319,7 +328,7 @@ mod tests {
     use crate::base::random::Random;
     use crate::sensors::radar_of;
     use crate::tracker::{ImmModel, Motion};
-    use std::f64::consts::TAU;
+    use std::f64::consts::{FRAC_PI_2, TAU};
 
     /// The estimated noise of a radar that states 50 m and 0.001 rad, by sixteen straight tracks.
     fn found(noise: f64, correlation: f64, outliers: usize) -> Noise {
@@ -383,7 +392,8 @@ mod tests {
                 6.0 * r(k) - 4.0 * (r(k - 1) + r(k + 1)) + r(k - 2) + r(k + 2)
             };
             assert_within(1e-12, third_of(r), 2.0 * (c(0) - c(1)) / THIRD);
-            assert_within(1e-12, contrast_of(r), (c(1) - c(2)) / (c(0) - c(2)));
+            let sign = |k: i32| (c(k) / c(0)).asin() / FRAC_PI_2;
+            assert_within(1e-12, contrast_of(r), (sign(1) - sign(2)) / (1.0 - sign(2)));
             assert_within(1e-6, correlation(contrast_of, contrast_of(r)), r);
         }
     }

@@ -1,7 +1,8 @@
-//! Targets that a position sensor reports repeatedly: old positions that are reported again, and parts of the
-//! plots in which each target is reported once.
+//! Targets that a position sensor reports repeatedly: old positions that are reported again, the interval
+//! between reports, and parts of the plots in which each target is reported once.
 
 use super::geometry::Geometry;
+use super::live::{Tracker, WAITING};
 use super::plot::{Plot, Plots, stated};
 use super::settings::Settings;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,13 @@ const KEPT: f64 = 600.0;
 const MANY: usize = 64;
 /// Least number of plots in a part, as a share of the number of tracks: each part visits all tracks.
 const SHARE: usize = 8;
+/// Share of the plots of a part, in which a target is reported once, in its sensor's interval between reports.
+pub(super) const ONCE: f64 = 1.0 - 2.0 * WAITING;
+/// Share of the reports that follow sooner than the estimated interval, and the step of its logarithm.
+const SOON: f64 = 0.25;
+const STEP: f64 = 0.1;
+/// Shortest interval between reports, s.
+const SHORTEST: f64 = 1e-3;
 
 /// Times of plots, in order, and their indices.
 type Timed<'a> = &'a [(f64, usize)];
@@ -118,26 +126,66 @@ impl Repeats {
     }
 }
 
-/// Divides plots, given as times and indices in the order of time, into those that are processed next and the
-/// rest. These are the plots before `until` or, if all sensors report positions, those before any target is
-/// reported again: states are more accurate if reports of a target are processed one after another. In that
-/// case the time of this report is returned, too.
+/// The interval between reports of a target by one position sensor, as its tracks show it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Interval {
+    stated: f64,
+    seconds: f64,
+}
+
+impl Interval {
+    pub fn new(stated: f64) -> Self {
+        Self { stated, seconds: stated }
+    }
+
+    /// Updates the interval by the time between two reports of a target. Copies of a report, which have the same
+    /// time, are not reports of their own.
+    pub fn saw(&mut self, seconds: f64) {
+        if seconds < SHORTEST {
+            return;
+        }
+        let step = if seconds < self.seconds { SOON - 1.0 } else { SOON };
+        self.seconds = (self.seconds * (STEP * step).exp()).min(self.stated);
+    }
+
+    /// Whether targets report so often that several reports would be in one part of the plots.
+    pub fn is_shorter(&self) -> bool {
+        self.seconds < ONCE * self.stated
+    }
+
+    /// The interval, s; infinite unless it is much shorter than stated.
+    fn seconds(&self) -> f64 {
+        if self.is_shorter() { self.seconds } else { f64::INFINITY }
+    }
+}
+
+/// Divides plots, given as times and indices in the order of time, into those from time `from` that are
+/// processed next and the rest. These are the plots before `until`. The part ends sooner if reports follow more
+/// often than stated or, where all sensors report positions, if any target is reported again: states are more
+/// accurate if reports of a target are processed one after another. In that case its end is returned, too.
 pub(super) fn next_part<'a, P: Plots + ?Sized>(
     (plots, rest): (&P, Timed<'a>),
-    until: f64,
-    (tracks, settings): (usize, &Settings),
+    [from, until]: [f64; 2],
+    tracker: &Tracker,
 ) -> (Timed<'a>, Timed<'a>, Option<f64>) {
-    let end = reported_again((plots, rest), until, (tracks, settings));
+    let least = tracker.tracks.len().div_ceil(SHARE);
+    let enough = rest.get(least).map_or(until, |(time, _)| *time);
+    let intervals = tracker.noise.iter().map(|noise| noise.interval.seconds());
+    let interval = intervals.fold(f64::INFINITY, f64::min);
+    let end = enough.max(from + ONCE * interval);
+    let found = reported_again((plots, rest), until.min(end), (least, &tracker.settings));
+    let end = found.or((end < until).then_some(end));
     let (now, later) =
         rest.split_at(rest.partition_point(|(time, _)| *time < end.unwrap_or(until)));
     (now, later, end)
 }
 
-/// Time before `until` at which a target is reported again, if all sensors report positions.
+/// Time before `until` at which a target is reported again, after at least `least` plots, if all sensors report
+/// positions.
 fn reported_again<P: Plots + ?Sized>(
     (plots, rest): (&P, Timed<'_>),
     until: f64,
-    (tracks, settings): (usize, &Settings),
+    (least, settings): (usize, &Settings),
 ) -> Option<f64> {
     let is_radar = |sensor: usize| {
         let geometry = settings.geometry(sensor);
@@ -154,9 +202,30 @@ fn reported_again<P: Plots + ?Sized>(
         }
         let Some(name) = name(&plots.get(i)) else { continue };
         let first = *seen.entry(name).or_insert(time);
-        if first < time && before >= tracks.div_ceil(SHARE) {
+        if first < time && before >= least {
             return Some(time);
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_is_estimated_where_it_is_much_shorter_than_stated() {
+        for (seconds, used) in [(0.1, 0.1), (0.6, 0.6), (0.9, f64::INFINITY), (2.0, f64::INFINITY)]
+        {
+            let mut interval = Interval::new(1.0);
+            for report in 0..200 {
+                // each tenth report is missing
+                interval.saw(if report % 10 == 0 { 2.0 * seconds } else { seconds });
+                // copies of a report
+                interval.saw(0.0);
+            }
+            assert_eq!(interval.is_shorter(), used.is_finite());
+            assert!(used.is_infinite() || (interval.seconds() / used - 1.0).abs() < 0.1);
+        }
+    }
 }

@@ -221,7 +221,8 @@ impl Track {
     }
 
     fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {
-        if self.is_confirmed() { &settings.motion } else { &FIRST_MOTION }
+        let is_first = matches!(self.filter, Filter::Straight(_) | Filter::Planned(_));
+        if is_first && !self.is_confirmed() { &FIRST_MOTION } else { &settings.motion }
     }
 
     /// Returns the position and its covariance at a time close to that of the estimate.
@@ -440,6 +441,7 @@ impl Track {
         // several reports within one interval count as one: otherwise copies of a false plot would
         // confirm a track
         let counts = self.is_due(plot, &settings.radars[plot.radar]);
+        self.free(settings);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => {
                 expected.time = next;

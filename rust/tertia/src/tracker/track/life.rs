@@ -9,14 +9,18 @@ use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
 use super::{EMERGENCY_AFTER, Stage, Track};
 use crate::base::distribution::normal_two_sided;
+use crate::base::plane::Plane;
 use crate::flightplan::Status;
 use crate::sensors::Identities;
+use crate::tracker::motion::Motion;
 use crate::tracker::tree::Leaf;
 
 /// Odds of a target below which a confirmed track ends, and the scans without a plot after which a track that
 /// was confirmed by its existence may end: several missed detections in succession may have one cause.
 const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
+/// Standard deviation of a velocity that is known well enough for a turn, as a share of the largest speed.
+const KNOWN: f64 = 0.25;
 /// Factor by which a track may seem faster than the fastest target, as its models are not exact.
 const TOO_FAST: f64 = 1.25;
 
@@ -39,6 +43,17 @@ impl Track {
         }
     }
 
+    /// Lets the target of a tentative track turn as soon as its velocity is known.
+    pub(super) fn free(&mut self, settings: &Settings) {
+        let Plane { xx, yy, .. } = self.estimate.velocity_covariance();
+        let is_known = 0.5 * (xx + yy) < (KNOWN * settings.max_speed).powi(2);
+        if is_known
+            && matches!((&self.filter, &settings.motion), (Filter::Straight(_), Motion::Imm(_)))
+        {
+            self.filter = Filter::of_new(&settings.motion, self.estimate);
+        }
+    }
+
     /// Confirms the track, with the plan of the flight that its target turned out to be, if any.
     pub(super) fn confirm(&mut self, settings: &Settings) {
         self.stage = Stage::Confirmed;
@@ -48,7 +63,9 @@ impl Track {
             self.estimate = estimate;
             plan
         });
-        self.filter = Filter::new(&settings.motion, self.estimate);
+        if !matches!(self.filter, Filter::Multiple(_)) {
+            self.filter = Filter::of_new(&settings.motion, self.estimate);
+        }
         let own = self.identities();
         let is_possible = |plan: &usize| {
             settings.plans.available(*plan).is_some_and(|plan| !contradicts(plan, &own))
