@@ -116,6 +116,29 @@ class TestPositions:
         one = figure(tables.audit(table, degrees[1], origin=(48.0, 11.0)), "nees")["value"]
         assert one == pytest.approx(expected, rel=1e-3)
 
+    def test_sigmas_beside_latitudes_are_of_true_north(self):
+        geod = pytest.importorskip("pyproj").Geod(ellps="WGS84")
+        random, count = np.random.default_rng(8), 400
+        # 2500 km from west to east at 65 degrees north
+        longitude, latitude, _ = geod.fwd(
+            *(np.full(count, one) for one in (10.0, 65.0, 80.0)), np.linspace(0.0, 2.5e6, count)
+        )
+        east, north = random.standard_normal((2, count)) * [[2000.0], [200.0]]
+        seen = geod.fwd(
+            longitude, latitude, np.degrees(np.arctan2(east, north)), np.hypot(east, north)
+        )
+        time = 3600.0 * np.arange(count)
+        true = pl.DataFrame({"time_s": time, "latitude_deg": latitude, "longitude_deg": longitude})
+        one = pl.DataFrame({"time_s": time, "latitude_deg": seen[1], "longitude_deg": seen[0]})
+        one = one.with_columns(east_sigma_m=pl.lit(2000.0), north_sigma_m=pl.lit(200.0))
+        expected = np.mean((east / 2000.0) ** 2 + (north / 200.0) ** 2) / 2
+        options = {"max_distance": 20e3}
+        for origin in (None, (65.0, 10.0)):
+            found = figure(tables.audit(one, true, origin=origin, **options), "nees")
+            assert found["value"] == pytest.approx(expected, rel=0.02)
+        beside = one.with_columns(true_latitude_deg=latitude, true_longitude_deg=longitude)
+        assert figure(tables.audit(beside), "nees")["value"] == pytest.approx(expected, rel=0.02)
+
     def test_heights_that_one_table_lacks(self):
         frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
         table, _ = positions()

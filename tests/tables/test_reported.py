@@ -86,6 +86,35 @@ def test_velocities_beside_latitudes_are_of_true_north(tmp_path: Path) -> None:
     )
 
 
+def test_sigmas_beside_latitudes_are_of_true_north(tmp_path: Path) -> None:
+    """An ellipse that is long along the parallel, where the parallel is not east of the plane."""
+    plane = SystemPlane(70.0, 14.0)
+    position = seen()[0] + np.array([500e3, 100e3])
+    there = np.column_stack([position, np.zeros(len(TIME))])
+    latitude, longitude, _ = plane.to_geodetic(there)
+    scale, convergence = (np.asarray(one) for one in plane.scale_and_convergence(there))
+    # about 12 degrees
+    assert abs(convergence[0]) > 0.2
+    along = np.stack([np.cos(convergence), -np.sin(convergence)], axis=-1)
+    across = np.stack([np.sin(convergence), np.cos(convergence)], axis=-1)
+    outer = [one[:, :, np.newaxis] * one[:, np.newaxis] for one in (along, across)]
+    covariance = (scale**2)[:, np.newaxis, np.newaxis] * (200.0**2 * outer[0] + 20.0**2 * outer[1])
+    path = tmp_path / "sensors.toml"
+    path.write_text(
+        "[origin]\nlatitude_deg = 70.0\nlongitude_deg = 14.0\n"
+        '[[position_sensor]]\nname = "mlat"\nupdate_interval_s = 4.0\n',
+        encoding="utf-8",
+    )
+    rows = pl.DataFrame(
+        {"time_s": TIME, "latitude_deg": latitude, "longitude_deg": longitude, "sensor": "mlat"}
+    ).with_columns(east_sigma_m=pl.lit(200.0), north_sigma_m=pl.lit(20.0))
+    found = tables.track(rows, sensors=path)
+    sensor = PositionSensor(update_interval=4.0)
+    expected = track(Plots(TIME, position=position, covariance=covariance), [sensor])
+    np.testing.assert_allclose(found["east_m"], expected.position[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(found["north_sigma_m"] ** 2, expected.covariance[:, 1, 1], rtol=1e-6)
+
+
 def test_numbers_that_are_not_available_in_ais_are_missing_values(tmp_path: Path) -> None:
     sensors = tmp_path / "ais.toml"
     sensors.write_text(

@@ -420,6 +420,28 @@ class TestSmooth:
         assert "smoothing_velocity_outlier" not in plain.columns
         assert plain["east_rate_sigma_m_s"][25] > 2 * found["east_rate_sigma_m_s"][25]
 
+    def test_sigmas_of_true_north(self):
+        """Far from the first position, an ellipse along the parallel is not along east."""
+        plane, time = SystemPlane(65.0, 10.0), np.arange(50.0)
+        way = np.column_stack([20e3 * time, 0 * time, 0 * time])
+        latitude, longitude, _ = plane.to_geodetic(way)
+        scale, convergence = (np.asarray(one) for one in plane.scale_and_convergence(way))
+        assert abs(convergence[-1]) > 0.25
+        table = pl.DataFrame({"time_s": time, "latitude_deg": latitude, "longitude_deg": longitude})
+        table = table.with_columns(east_sigma_m=pl.lit(2000.0), north_sigma_m=pl.lit(200.0))
+        own = {"jerk": 1e-3, "robust": False}
+        found = tables.smooth(table, sigma=["east_sigma_m", "north_sigma_m"], **own)
+        sine, cosine = np.sin(convergence), np.cos(convergence)
+        turn = np.moveaxis(np.array([[cosine, sine], [-sine, cosine]]) * scale, -1, 0)
+        spread = turn @ np.diag([2000.0**2, 200.0**2]) @ turn.swapaxes(1, 2)
+        expected = smoothing.smooth(
+            way[:, :2], 0.5 * (spread + spread.swapaxes(1, 2)), time=time, **own
+        )
+        for name, k in (("east", 0), ("north", 1)):
+            np.testing.assert_allclose(
+                found[f"{name}_smoothed_sigma_m"], expected.sigma[:, k], rtol=1e-6
+            )
+
     def test_velocities_of_true_north(self):
         """Far from the first position, north of the plane is not true north."""
         plane, time = SystemPlane(50.0, 14.0), np.arange(40.0)

@@ -156,7 +156,8 @@ def audit(
         The estimates. Positions are in the columns `east_m`, `north_m` and, if known, `up_m`, or in
         `latitude_deg` and `longitude_deg`. Their sigmas are in `east_sigma_m`, `north_sigma_m` and
         `up_sigma_m`, and their covariances in columns such as `covariance_east_north_m2`; or
-        `position_sigma_m` has one sigma for all axes. The times are in `time_s`. The results of the
+        `position_sigma_m` has one sigma for all axes. Beside latitudes and longitudes alone, sigmas
+        are relative to true north at each position. The times are in `time_s`. The results of the
         other functions are such tables. Tracks of the package yaps and flights of the package
         traffic are also accepted.
     truth : table, optional
@@ -385,7 +386,8 @@ def _beside(records: Records) -> _Errors:
     elif f"true_{GEODETIC[0]}" in records.column and GEODETIC[0] in records.column:
         frame = _frame(rows, None)
         there, true = (_on_ground(frame, rows, prefix) for prefix in ("", "true_"))
-        axes = 2
+        error = _of_true_north(frame, rows, there - true)
+        return error, _covariance(records, 2), None, None, slice(None)
     else:
         raise ColumnError(
             f"{records.source[0].called} has no column true_{LOCAL[0]}: give the truth in columns "
@@ -415,7 +417,7 @@ def _versus(
         )
     both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
     clock = Clock.of(both["time"])
-    place, true_place = _common_places(records, there, origin)
+    place, true_place, frame = _common_places(records, there, origin)
     axes = place.shape[1]
     known_truth = np.isfinite(true_place).all(axis=1)
     labels = there.rows["name"].fill_null("").to_numpy().astype(str)
@@ -433,6 +435,9 @@ def _versus(
     error[~bridged(truth, target, time[kept])] = np.nan
     velocity: FloatArray | None
     speed = velocity_of(truth, target, time[kept])
+    if frame is not None:
+        own_rows = records.rows[kept]
+        error, speed = (_of_true_north(frame, own_rows, one) for one in (error, speed))
     unknown = np.isnan(speed[np.isfinite(error).all(axis=1), 0])
     if np.count_nonzero(unknown) > _MOST_UNKNOWN * len(unknown):
         velocity = None
@@ -449,13 +454,15 @@ def _versus(
 
 def _common_places(
     records: Records, there: Records, origin: tuple[float, float] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the positions of estimates and truth in the same frame."""
+) -> tuple[FloatArray, FloatArray, LocalFrame | None]:
+    """Return the positions of estimates and truth in the same frame.
+
+    The frame is returned, too, if sigmas are those of east and north at each position.
+    """
     axes = min(_axes(records, ""), _axes(there, ""))
     if axes:
-        return tuple(  # type: ignore[return-value]
-            one.rows.select(LOCAL[:axes]).to_numpy() for one in (records, there)
-        )
+        place, true = (one.rows.select(LOCAL[:axes]).to_numpy() for one in (records, there))
+        return place, true, None
     degrees = [GEODETIC[0] in one.column for one in (records, there)]
     if not any(degrees) or (not all(degrees) and origin is None):
         raise ValueError(
@@ -464,12 +471,21 @@ def _common_places(
         )
     frame = _frame((records if degrees[0] else there).rows, origin)
     if all(degrees):
-        return _on_ground(frame, records.rows), _on_ground(frame, there.rows)
+        of_plane = _axes(records, "") > 0
+        places = _on_ground(frame, records.rows), _on_ground(frame, there.rows)
+        return *places, None if of_plane else frame
     found = [
         _local(frame, one.rows)[:, :2] if has else one.rows.select(LOCAL[:2]).to_numpy()
         for one, has in zip((records, there), degrees, strict=True)
     ]
-    return found[0], found[1]
+    return found[0], found[1], None
+
+
+def _of_true_north(frame: LocalFrame, rows: pl.DataFrame, vectors: FloatArray) -> FloatArray:
+    """Return horizontal vectors (N, 2) at positions, in the axes east and north of these."""
+    axes = frame.axes(*rows.select(GEODETIC[:2]).fill_nan(0.0).to_numpy().T)[:, :2, :2]
+    found: FloatArray = np.linalg.solve(axes.swapaxes(1, 2), vectors[..., np.newaxis])[..., 0]
+    return found
 
 
 def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame:

@@ -13,7 +13,7 @@ from tertia.location._height import in_the_plane
 from tertia.sensors import Radar, Station
 from tertia.tables._records import Field, Schema, number
 from tertia.tables._sensors import Sensors
-from tertia.tables._velocities import COURSE, of_speed, to_plane
+from tertia.tables._velocities import COURSE, of_speed, to_plane, turned
 from tertia.tracker._azimuths import north_of
 
 # 'not available' in AIS (ITU-R M.1371)
@@ -58,20 +58,18 @@ def reported_of(
         found = sensors.frame.to_local(column["latitude"], column["longitude"], height)[:, :2]
         place = np.where(np.isnan(place), found, place)
     place[~reports] = np.nan
-    columns = {"position": place, "covariance": _spread(column, "", reports)}
+    turn = np.tile(np.eye(2), (len(place), 1, 1))
+    if isinstance(sensors.frame, SystemPlane):
+        # what is beside latitudes and longitudes is relative to true north
+        turn[~is_local] = to_plane(sensors.frame, np.nan_to_num(place[~is_local]))
+    columns = {"position": place, "covariance": turned(turn, _spread(column, "", reports))}
     velocity = np.column_stack([column["velocity_east"], column["velocity_north"]])
     velocity = np.where(np.isnan(velocity), of_speed(column["speed"], column["course"]), velocity)
     velocity[~reports] = np.nan
     if np.isnan(velocity).all():
         return columns
-    spread = _spread(column, "velocity_", reports)
-    if isinstance(sensors.frame, SystemPlane):
-        # velocities beside latitudes and longitudes are relative to true north
-        turn = to_plane(sensors.frame, np.nan_to_num(place))
-        turn[is_local] = np.eye(2)
-        velocity = np.einsum("nij,nj->ni", turn, velocity)
-        spread = turn @ spread @ turn.swapaxes(1, 2)
-        spread = 0.5 * (spread + spread.swapaxes(1, 2))
+    velocity = np.einsum("nij,nj->ni", turn, velocity)
+    spread = turned(turn, _spread(column, "velocity_", reports))
     return {**columns, "velocity": velocity, "velocity_covariance": spread}
 
 

@@ -23,7 +23,14 @@ from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._records import TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
-from tertia.tables._velocities import doubt_velocities, fields, true_rates, velocities_of
+from tertia.tables._velocities import (
+    doubt_velocities,
+    fields,
+    to_plane,
+    true_rates,
+    turned,
+    velocities_of,
+)
 
 # noise in stated sigmas that few sensors have
 _MUCH = 10.0
@@ -185,9 +192,13 @@ def smoothing_of(
     t = Clock.of(frame["time"]).seconds(frame["time"])
     rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
     y = frame.select(axes).to_numpy()[rows]
-    series = [y, _covariances(frame, "sigma", sigmas, covariances)[rows], t[rows], rows]
+    turn = None
+    if plane is not None:
+        turn = to_plane(plane, np.nan_to_num(frame.select(axes).to_numpy()))
+    own = _covariances(frame, "sigma", sigmas, covariances, turn=turn)
+    series = [y, own[rows], t[rows], rows]
     if spreads:
-        own = _covariances(frame, "velocity_sigma", spreads)
+        own = _covariances(frame, "velocity_sigma", spreads, turn=turn if moving is None else None)
         series += [velocities_of(frame, moving, plane)[rows], own[rows]]
         if axes == list(LOCAL[:2]):
             track = np.repeat(np.arange(len(groups.lengths)), groups.lengths)
@@ -370,15 +381,20 @@ def _covariances(
     argument: str,
     sigmas: Sequence[float | str],
     names: Mapping[tuple[int, int], str] = MappingProxyType({}),
+    *,
+    turn: FloatArray | None,
 ) -> FloatArray:
-    """Return the covariances (N, axes, axes); those that are missing are 0."""
+    """Return the covariances (N, axes, axes); those that are missing are 0.
+
+    The matrices `turn` are those from true north to the plane, if sigmas are of true north.
+    """
     found = np.zeros((frame.height, len(sigmas), len(sigmas)))
     for k, one in enumerate(sigmas):
         own = frame[one].to_numpy() if isinstance(one, str) else positive_number(one, argument)
         found[:, k, k] = own**2
     for (i, j), name in names.items():
         found[:, i, j] = found[:, j, i] = np.nan_to_num(frame[name].to_numpy())
-    return found
+    return found if turn is None else turned(turn, found)
 
 
 def _added(found: FloatArray, spread: FloatArray, axes: Sequence[str]) -> pl.DataFrame:

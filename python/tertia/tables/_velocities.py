@@ -102,13 +102,19 @@ def true_rates(
 
 
 def to_plane(plane: SystemPlane, position: FloatArray) -> FloatArray:
-    """Return the matrices (rows, 2, 2) that turn velocities of true north into those of a plane."""
+    """Return the matrices (rows, 2, 2) that turn vectors of true north into those of a plane."""
     scale, convergence = plane.scale_and_convergence(
         np.column_stack([position, np.zeros(len(position))])
     )
     sine, cosine = np.sin(convergence), np.cos(convergence)
     turn = np.array([[cosine, sine], [-sine, cosine]]) * scale
     return np.moveaxis(turn, -1, 0)
+
+
+def turned(turn: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return covariances (rows, 2, 2) in axes that are turned by the matrices `turn`."""
+    found: FloatArray = turn @ spread @ turn.swapaxes(1, 2)
+    return np.asarray(0.5 * (found + found.swapaxes(1, 2)))
 
 
 def _cells(frame: pl.DataFrame, names: Sequence[str]) -> FloatArray:

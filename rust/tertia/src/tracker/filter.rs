@@ -36,6 +36,8 @@ pub(super) struct Multiple {
 /// turn; and the sigma of the rate of such a turn, which may have begun long ago, in those of turns that begin.
 const FIRST_TURNING: f64 = 0.25;
 const FIRST_RATES: f64 = 2.0;
+/// Largest turn in a scan period that a new track can follow, rad.
+const LARGEST_TURN: f64 = 0.6;
 
 /// State of a target, by the model of its motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,12 +67,15 @@ impl Filter {
         }
     }
 
-    /// The same for a target that has just appeared: it may have turned for long.
-    pub fn of_new(motion: &Motion, start: Estimate<4>) -> Self {
+    /// The same for a target that has just appeared: it may have turned for long, unless it would then turn by
+    /// more in a scan period than can be followed.
+    pub fn of_new(motion: &Motion, start: Estimate<4>, period: f64) -> Self {
         let mut filter = Self::new(motion, start);
         if let (Self::Multiple(multiple), Motion::Imm(noise)) = (&mut filter, motion) {
-            let rate_variance = (FIRST_RATES * noise.turn_rate_sigma).powi(2);
-            multiple.bank = Bank::new(start, FIRST_TURNING, rate_variance);
+            let rate_sigma = FIRST_RATES * noise.turn_rate_sigma;
+            if rate_sigma * period < LARGEST_TURN {
+                multiple.bank = Bank::new(start, FIRST_TURNING, rate_sigma.powi(2));
+            }
         }
         filter
     }

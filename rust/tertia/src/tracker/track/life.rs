@@ -50,7 +50,7 @@ impl Track {
         if is_known
             && matches!((&self.filter, &settings.motion), (Filter::Straight(_), Motion::Imm(_)))
         {
-            self.filter = Filter::of_new(&settings.motion, self.estimate);
+            self.filter = Filter::of_new(&settings.motion, self.estimate, self.pace(settings));
         }
     }
 
@@ -64,7 +64,7 @@ impl Track {
             plan
         });
         if !matches!(self.filter, Filter::Multiple(_)) {
-            self.filter = Filter::of_new(&settings.motion, self.estimate);
+            self.filter = Filter::of_new(&settings.motion, self.estimate, self.pace(settings));
         }
         let own = self.identities();
         let is_possible = |plan: &usize| {
