@@ -326,12 +326,16 @@ def every_consistency() -> str:
     return markdown(["NEES per dimension", "", *SCENARIOS], rows)
 
 
+# size of usual outliers, in standard deviations
+OUTLIER = 15.0
+
+
 def several_faults() -> str:
     """RMSE and NEES with other numbers of radars, and with more than one fault."""
     late = np.arange(STEPS) >= FAULT
     usual, worse = np.ones(STEPS), np.where(late, 5.0, 1.0)
-    # noise over what is stated, and the share of outliers, of each radar
-    cases: dict[str, tuple[list[FloatArray], float]] = {
+    # noise over what is stated, and the share of outliers, of each radar, and their size in sigmas
+    cases: dict[str, tuple[list[FloatArray], float] | tuple[list[FloatArray], float, float]] = {
         "1 radar, healthy": ([usual], 0),
         "1, outliers 10 %": ([usual], 0.1),
         "1, ×5": ([worse], 0),
@@ -341,14 +345,18 @@ def several_faults() -> str:
         "3, two ×5": ([usual, worse, worse], 0),
         "3, outliers 10 % of all": ([usual] * 3, 0.1),
         "5, two ×5, outliers 10 % of all": ([usual] * 3 + [worse] * 2, 0.1),
+        "1, outliers 10 %, 200 σ": ([usual], 0.1, 200.0),
+        "2, outliers 10 % of both, 200 σ": ([usual] * 2, 0.1, 200.0),
+        "3, outliers 10 % of all, 200 σ": ([usual] * 3, 0.1, 200.0),
     }
     rows = []
-    for i, (name, (factors, wrong)) in enumerate(cases.items()):
+    for i, (name, (factors, wrong, *size)) in enumerate(cases.items()):
         record = simulate.radars(
             MODEL,
             STEPS,
             sigma=SIGMA * np.stack(factors),
             outlier_probability=wrong,
+            outlier_size=size[0] if size else OUTLIER,
             batch=repetitions(400),
             rng=generator(67, i),
         )

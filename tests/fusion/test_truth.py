@@ -128,6 +128,28 @@ class TestMonteCarlo:
         assert (result.outlier & record.outlier).sum() / record.outlier.sum() > 0.25
         assert result.outlier[:, :, :60].mean() < 0.001
 
+    @pytest.mark.parametrize("k", [1, 3])
+    def test_robust_with_outliers_anywhere(self, k):
+        # one radar: a median of 6.5 if outliers are of 16 sigma; three: an RMSE of .36
+        record = radars(
+            MODEL,
+            120,
+            sigma=np.full((k, 120), 0.1),
+            outlier_probability=0.1,
+            outlier_size=300.0,
+            batch=200,
+            rng=24,
+        )
+        result = fuse_series(record.z, 0.01, MODEL)
+        late = np.s_[:, 20:]
+        error = (result.mean - record.truth)[late][..., 0]
+        # the state may have begun with an outlier if there is only one radar
+        assert np.sqrt(np.median(np.mean(error**2, axis=1))) < 0.12
+        squares = error**2 / result.covariance[late][..., 0, 0]
+        assert np.mean(squares < 3.84) > 0.93
+        if k > 1:
+            assert np.sqrt(np.mean(error**2)) < 0.1
+
     def test_robust_costs_nothing_where_all_is_well(self):
         at = range(20, 120)
         assert rmse("healthy", "robust", at) < 1.015 * rmse("healthy", "central", at)

@@ -14,7 +14,9 @@ MATRICES = ["adaptive-matrix", "matrix"]
 METHODS = [*COMPONENTWISE, *MATRICES, "covariance-intersection", "central", "robust"]
 LEVELS = [0.25, 1, 4, 16, 64]
 AT_FIRST = np.array([0.125, 0.5, 0.125, 0.125, 0.125])
-OUTLIER = 256
+OUTLIERS = [256, 65536]
+OF_OUTLIERS = np.array([0.875, 0.125])
+ALIKE = 5.0
 MANOEUVRES = [1, 64]
 MOSTLY_NONE = np.array([0.999, 0.001])
 MANOEUVRE_ENDS = 0.1
@@ -330,10 +332,11 @@ def hypotheses(components, nu, r, seen, base, period, change_probability):
         grown, squares = [], []
         for h in found[:FOLLOWED]:
             chances = np.append(
-                (1 - change_probability) * components[h.component].noise[i], change_probability
+                (1 - change_probability) * components[h.component].noise[i],
+                change_probability * OF_OUTLIERS,
             )
             for level, chance in enumerate(chances):
-                plot = variance * [*LEVELS, OUTLIER][level]
+                plot = variance * [*LEVELS, *OUTLIERS][level]
                 s = h.variance + plot
                 mean = h.mean + h.variance / s * (v - h.mean)
                 weight = h.weight * chance / np.sqrt(s)
@@ -421,8 +424,8 @@ def learnt(component, cluster, seen, base, total, period):
     motion = np.array([shares[levels[:, 0] == c].sum() for c in (0, 1)])
     noise = component.noise.copy()
     for at, i in enumerate(seen, start=1):
-        *of_levels, outlier = (shares[levels[:, at] == level].sum() for level in range(6))
-        noise[i] = of_levels + outlier * noise[i]
+        of_levels = np.array([shares[levels[:, at] == level].sum() for level in range(7)])
+        noise[i] = of_levels[:5] + of_levels[5:].sum() * noise[i]
     prior = component.p[0, 0]
     grown = max(motion @ MANOEUVRES, p / prior / (1 - LEAST_GAIN))
     # the error of the angle tells of the others what they have in common with it
@@ -430,6 +433,16 @@ def learnt(component, cluster, seen, base, total, period):
     both = np.outer(with_angle, with_angle)
     covariance = grown * (component.p - prior * both) + p * both
     return Component(weight / total, component.x + with_angle * e, covariance, noise, motion)
+
+
+def contradicted(z, r, period):
+    """Plots that contradict more than half of the plots of a step, which agree with one."""
+    away = np.abs(wrap(z[:, np.newaxis] - z, period))
+    agree = away <= ALIKE * np.sqrt(r[:, np.newaxis] + r)
+    centre = np.argmax(agree.sum(axis=1))
+    if 2 * agree[centre].sum() <= np.sum(~np.isnan(z)):
+        return np.zeros(len(z), dtype=bool)
+    return ~np.isnan(z) & ~agree[centre]
 
 
 def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_probability=0.005):
@@ -447,8 +460,11 @@ def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_pr
                 one.x, one.p = predict(one.x, one.p, f[step - 1], q[step - 1])
         seen = [i for i in range(k) if not np.isnan(z[i, step])]
         if not track.known:
+            odd = contradicted(z[:, step], r[:, step], period)
+            outlier[:, step] = odd
             for i in seen:
-                track.update(z[i, step], r[i, step])
+                if not odd[i]:
+                    track.update(z[i, step], r[i, step])
             components[0].x, components[0].p = track.x, track.p
         else:
             if step == 0:
@@ -471,10 +487,10 @@ def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_pr
                 total = sum(h.weight for h in kept)
                 pulls = []
                 for at, i in enumerate(seen, start=1):
-                    excess = [[*LEVELS, OUTLIER][h.levels[at]] for h in kept]
+                    excess = [[*LEVELS, *OUTLIERS][h.levels[at]] for h in kept]
                     effect = [h.weight * h.variance for h in kept]
                     pulls.append(np.sum(np.divide(effect, excess)) / r[i, step])
-                    of_outlier = sum(h.weight for h in kept if h.levels[at] == 5)
+                    of_outlier = sum(h.weight for h in kept if h.levels[at] >= 5)
                     outlier[i, step] = of_outlier / total > 0.5
                 weights[seen, step] = pulls / np.sum(pulls)
                 components = [

@@ -237,11 +237,11 @@ def fuse_series(
     Notes
     -----
     "robust": the noise variance of a plot is the stated variance times an unknown level (1/4 to 64,
-    or 256 for a single outlier), and the variance of the prediction is that of the filter times 1
-    or 64. Every combination of levels is a hypothesis, weighted by the likelihood of the plots of
-    the step. The mixture of the hypotheses gives the state, its covariance, and the probabilities
-    of the levels of each radar for the next step. The cost is O(K steps), plus that of the radars'
-    own filters.
+    or 256 or 65,536 for a single outlier), and the variance of the prediction is that of the filter
+    times 1 or 64. Every combination of levels is a hypothesis, weighted by the likelihood of the
+    plots of the step. The mixture of the hypotheses gives the state, its covariance, and the
+    probabilities of the levels of each radar for the next step. The cost is O(K steps), plus that
+    of the radars' own filters.
 
     Repeated plots ("robust", "adaptive", "adaptive-matrix"): a radar that is stuck gives the same
     number again. Noise of the standard deviation s that is recorded in steps of d does so with a

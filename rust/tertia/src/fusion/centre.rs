@@ -4,7 +4,7 @@ use super::belief::{Belief, believed_noise};
 use super::intersection::Intersection;
 use super::matrix::{best_weights, difference, full, matrices, packed};
 use super::repeats::Repeats;
-use super::robust::Robust;
+use super::robust::{Robust, contradicted};
 use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Const, Matrix3, Vector3};
@@ -223,12 +223,17 @@ impl Centre {
 
     /// Updates the centre with all given plots.
     fn take_in(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
-        let robustly = self.rule == Rule::Robust && self.central.is_known();
-        let started = self.update_filters(z, r, !robustly);
         if self.rule == Rule::Robust {
-            self.update_robust(z, r, robustly, reports);
+            let known = self.central.is_known();
+            let odd = if known { vec![true; z.len()] } else { contradicted(z, r, self.period) };
+            self.update_filters(z, r, |radar| !odd[radar]);
+            self.update_robust(z, r, known, reports);
+            for (report, odd) in reports.iter_mut().zip(odd).filter(|_| !known) {
+                report.outlier = odd;
+            }
             return self.central.state();
         }
+        let started = self.update_filters(z, r, |_| true);
         for (belief, radar) in self.beliefs.iter_mut().zip(&self.radars) {
             if let Some(belief) = belief {
                 belief.update(radar.innovation, 1.0 - self.parameters.forgetting_factor);
@@ -292,9 +297,14 @@ impl Centre {
         }
     }
 
-    /// Updates the radars' own filters with nominal noise, and also the central filter if `central` is
-    /// set. Returns for each radar which state its plot has initiated.
-    fn update_filters(&mut self, z: &[f64], r: &[f64], central: bool) -> Vec<Option<Start>> {
+    /// Updates the radars' own filters with nominal noise, and the central filter with the plots of the radars
+    /// for which `central` holds. Returns for each radar which state its plot has initiated.
+    fn update_filters(
+        &mut self,
+        z: &[f64],
+        r: &[f64],
+        central: impl Fn(usize) -> bool,
+    ) -> Vec<Option<Start>> {
         let mut started = vec![None; z.len()];
         for (i, radar) in self.radars.iter_mut().enumerate() {
             (radar.gain, radar.innovation) = (Vector3::zeros(), None);
@@ -303,7 +313,7 @@ impl Centre {
             }
             let since = radar.filter.since_first_plot();
             let innovation = radar.filter.update(z[i], r[i]);
-            if central {
+            if central(i) {
                 self.central.update(z[i], r[i]);
             }
             if radar.known {

@@ -13,7 +13,7 @@
 
 use super::clusters::Clusters;
 use super::hypotheses::{Followed, Row, Spread, trace};
-use super::levels::{EXCESSES, MANOEUVRES, NOISE};
+use super::levels::{EXCESSES, MANOEUVRES, NOISE, OUTLIERS};
 use super::mixture::{Component, reduce, united};
 use crate::kalman::{Filter, Transition, residual};
 use pulp::{Arch, Simd, WithSimd};
@@ -28,6 +28,8 @@ const MANOEUVRE_ENDS: f64 = 0.1;
 const LEAST_GAIN: f64 = 1e-3;
 /// Largest number of components that are followed from one step to the next.
 const COMPONENTS: usize = 3;
+/// Largest difference of plots that agree, in standard deviations.
+const ALIKE: f64 = 5.0;
 /// Components are merged if this loses no more than this much information, in nats.
 const AGREEMENT: f64 = 0.01;
 
@@ -83,6 +85,21 @@ impl WithSimd for Judge<'_> {
 /// Prior probabilities of a step, if this is the chance of a reset to the initial probabilities.
 fn renewed<const N: usize>(now: &[f64; N], at_first: &[f64; N], chance: f64) -> [f64; N] {
     std::array::from_fn(|i| now[i] + chance * (at_first[i] - now[i]))
+}
+
+/// Whether each plot of a step contradicts most of the plots, which agree: before there is a prediction, these
+/// alone can tell outliers. Cost O(K²).
+pub(super) fn contradicted(z: &[f64], r: &[f64], period: Option<f64>) -> Vec<bool> {
+    // the comparison fails for missing plots
+    let agrees =
+        |i: usize, j: usize| residual(z[j], z[i], period).powi(2) <= ALIKE * ALIKE * (r[i] + r[j]);
+    let support = |i: usize| (0..z.len()).filter(|&j| agrees(i, j)).count();
+    let best = (0..z.len()).map(|i| (support(i), i)).max_by_key(|(count, i)| (*count, z.len() - i));
+    let seen = z.iter().filter(|z| !z.is_nan()).count();
+    match best.filter(|(count, _)| 2 * count > seen) {
+        Some((_, centre)) => (0..z.len()).map(|j| !z[j].is_nan() && !agrees(centre, j)).collect(),
+        None => vec![false; z.len()],
+    }
 }
 
 impl Robust {
@@ -228,7 +245,9 @@ impl Robust {
                 for (chance, p) in chances.iter_mut().zip(component.noise[plot.radar]) {
                     *chance = (1.0 - self.change) * p;
                 }
-                chances[NOISE.len()] = self.change;
+                for (chance, share) in chances[NOISE.len()..].iter_mut().zip(OUTLIERS) {
+                    *chance = self.change * share;
+                }
             }
             let (before, after) = self.followed[..self.plots.len()].split_at_mut(at + 1);
             self.last.fill(&before[at], plot.innovation, plot.r, &chances);
@@ -273,7 +292,8 @@ impl Robust {
             trace(followed, members, &mut self.of_levels, &mut motion);
             component.motion = motion.map(|p| p / cluster.weight);
             for (plot, of_levels) in self.plots.iter_mut().zip(&self.of_levels) {
-                let [of_levels @ .., outlier] = of_levels.map(|p| p / cluster.weight);
+                let of_levels = of_levels.map(|p| p / cluster.weight);
+                let outlier: f64 = of_levels[NOISE.len()..].iter().sum();
                 plot.outlier += outlier * cluster.weight;
                 let noise = &mut component.noise[plot.radar];
                 *noise = std::array::from_fn(|level| of_levels[level] + outlier * noise[level]);
