@@ -3,6 +3,7 @@
 import datetime
 import re
 import runpy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -140,9 +141,15 @@ def test_errors_of_sensors(write: Write, tmp_path: Path) -> None:
     path = write(rows, header="time_s,sensor,azimuth_deg,target")
     arguments = (path, *SIGMAS, *MOTION, "--by", "target")
     frame = track(*arguments, "--bias-sigma", "B=0.4", folder=tmp_path)
-    options = {"time": TIMES, "period": 360.0, "bias_sigma": [0.0, 0.4]}
-    for target, z in (("7", Z), ("8", other)):
-        result = fuse_series(z, [[0.1**2], [0.3**2]], MODEL, **options)
+    options = {"time": TIMES, "period": 360.0}
+    # in the order of the rows of each target
+    for target, z, order in (("7", Z, [0, 1]), ("8", other, [1, 0])):
+        variance, bias_sigma = np.array([[0.1**2], [0.3**2]]), np.array([0.0, 0.4])
+        found = fuse_series(
+            z[order], variance[order], MODEL, bias_sigma=bias_sigma[order], **options
+        )
+        names = ("weights", "noise_variance", "outlier", "bias_sigma")
+        result = replace(found, **{name: getattr(found, name)[order] for name in names})
         assert np.all(result.bias_sigma[1] > 0.0)
         check(frame.filter(pl.col("target").cast(pl.String) == target), result, z)
     done = run(*arguments, "--bias-sigma", 0.4)

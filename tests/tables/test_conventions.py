@@ -112,6 +112,24 @@ def test_also_before_a_path_and_with_one_instant_for_each_group() -> None:
         tables.locate(each, sensors=flat, by="event")
 
 
+def test_ranges_in_feet_at_a_known_height() -> None:
+    """Without the height, stations below a ceiling leave it open, and no convention agrees."""
+    rng, places = np.random.default_rng(4), PLACES.copy()
+    places[:, 2] = [12.0, 12.5, 12.2, 12.4]
+    way = np.column_stack([WAY[:, :2], np.full(len(WAY), 1.5)])
+    distance = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
+    distance += rng.normal(0.0, 5.0, distance.shape)
+    table = pl.DataFrame(
+        {
+            "time_s": np.repeat(STEPS.astype(float), 4),
+            "sensor": list("abcd") * len(STEPS),
+            "range_m": (distance / 0.3048).ravel(),
+        }
+    )
+    with pytest.warns(tables.RecordWarning, match="in feet"):
+        tables.locate(table, sensors=stations(places), height=1.5, height_sigma=0.1)
+
+
 def test_exchanged_coordinates_of_sensors() -> None:
     exchanged = stations(PLACES[:, [1, 0]])
     [said] = said_of(seen(6, "azimuth_deg"), exchanged)

@@ -125,17 +125,20 @@ def test_numbers_that_are_not_available_in_ais_are_missing_values(tmp_path: Path
     latitude, longitude, _ = frame.to_geodetic(np.column_stack([TRUTH / 20.0, 0.0 * TIME]))
     speed = np.full(len(TIME), 8.5 / 0.514444)
     course = np.full(len(TIME), np.degrees(np.arctan2(150.0, -80.0)))
-    columns = {"time_s": TIME, "identity": 211_000_000, "course_deg": course}
+    columns = {"time_s": TIME, "identity": 211_000_000, "course_deg": course.copy()}
     stated = {"latitude_deg": latitude, "longitude_deg": longitude, "speed_kt": speed}
     silent = {name: value.copy() for name, value in stated.items()}
     for name, value in (("latitude_deg", 91.0), ("longitude_deg", 181.0)):
         silent[name][[5, 12]] = value
     silent["speed_kt"][:3] = 102.3
+    columns["course_deg"][8:10] = 360.0
     found = tables.track(pl.DataFrame(columns | silent), sensors=sensors)
     missing = {name: pl.Series(value) for name, value in stated.items()}
     for name in ("latitude_deg", "longitude_deg"):
         missing[name][[5, 12]] = None
     missing["speed_kt"][[0, 1, 2]] = None
+    missing["course_deg"] = pl.Series(course)
+    missing["course_deg"][[8, 9]] = None
     expected = tables.track(pl.DataFrame(columns | missing), sensors=sensors)
     assert found.equals(expected)
     wrong = np.where(latitude == latitude[3], 91.5, latitude)

@@ -420,6 +420,24 @@ class TestSmooth:
         assert "smoothing_velocity_outlier" not in plain.columns
         assert plain["east_rate_sigma_m_s"][25] > 2 * found["east_rate_sigma_m_s"][25]
 
+    def test_rows_before_the_first_fix(self):
+        """Receivers write zeros until they have a fix."""
+        random, time = np.random.default_rng(3), np.arange(100.0)
+        plane = SystemPlane(47.0, 8.0)
+        way = np.column_stack([15.0 * time, 5.0 * time]) + random.normal(0.0, 5.0, (100, 2))
+        latitude, longitude, _ = plane.to_geodetic(np.column_stack([way, 0.0 * time]))
+        table = pl.DataFrame({"time_s": time, "latitude_deg": latitude, "longitude_deg": longitude})
+        zero = pl.int_range(pl.len()) < 3
+        places = ["latitude_deg", "longitude_deg"]
+        with pytest.warns(tables.RecordWarning, match="3 rows have the latitude 0"):
+            found = tables.smooth(
+                table.with_columns(pl.when(~zero).then(pl.col(places)).otherwise(0.0)), sigma=5.0
+            )
+        missing = table.with_columns(pl.when(~zero).then(pl.col(places)))
+        expected = tables.smooth(missing, sigma=5.0)
+        added = [name for name in found.columns if name not in table.columns]
+        pl.testing.assert_frame_equal(found.select(added), expected.select(added))
+
     def test_sigmas_of_true_north(self):
         """Far from the first position, an ellipse along the parallel is not along east."""
         plane, time = SystemPlane(65.0, 10.0), np.arange(50.0)

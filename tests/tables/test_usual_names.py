@@ -55,6 +55,28 @@ def test_of_plots_and_bearings(tmp_path: Path) -> None:
     assert said.strip().endswith("give --column time_s=UTC --column 'azimuth_deg=Bearing (T)'")
 
 
+@pytest.mark.parametrize(
+    ("column", "name"),
+    [
+        ("azimuth_deg", "Azimuth [gon]"),
+        ("azimuth_deg", "bearing_mils"),
+        ("range_m", "distance_feet"),
+        ("range_m", "range_yd"),
+        ("range_m", "distance_mm"),
+    ],
+)
+def test_other_units_are_not_suggested_and_are_doubted(column: str, name: str) -> None:
+    count = 12
+    table = pl.DataFrame({"time_s": np.arange(count), name: np.full(count, 50.0), "sensor": "a"})
+    stations = pl.DataFrame({"name": ["a"], "east_m": [0.0], "north_m": [0.0]})
+    with pytest.raises(tables.ColumnError, match="is in another unit") as caught:
+        tables.locate(table, sensors=stations)
+    assert "give" not in str(caught.value).split("is in another unit")[1]
+    with pytest.warns(tables.RecordWarning, match="but its name states another unit"):
+        found = tables.locate(table, sensors=stations, columns={column: name})
+    assert found.height == count
+
+
 @pytest.mark.parametrize("other", ["bistatic_range_m", "range_rate_m_s", "rssi_dbm", "doppler_hz"])
 def test_other_quantities_are_not_suggested(other: str) -> None:
     table = pl.DataFrame({"time_s": [1.0], "sensor": ["a"], other: [20.0]})

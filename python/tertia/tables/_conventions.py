@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.geo import LocalFrame
 from tertia.location import LIGHT, Location, locate
 from tertia.sensors import Bias, ByKind, Kind, Station
 from tertia.tables._doubts import doubt
+from tertia.tables._heights import given_heights
 from tertia.tables._measurements import Target, taken
 
 # instants and targets that are tried, those with most measurements
@@ -79,7 +81,7 @@ def doubt_conventions(targets: Sequence[Target], options: Mapping[str, Any]) -> 
 
     `options` are those of `locate` or `reconstruct`.
     """
-    trials = _trials(targets, {name: options[name] for name in _TRIED if name in options})
+    trials = _trials(targets, options)
     for trial in trials:
         if trial.is_too_slow(options.get("propagation_speed", LIGHT)):
             return
@@ -156,8 +158,30 @@ def _trials(targets: Sequence[Target], options: Mapping[str, Any]) -> list[_Tria
         measured = {name: values[steps] for name, values in target.measured().items()}
         own = {f"{kind}_sigma": taken(kind, one)[steps] for kind, one in sigmas.items()}
         stations = [_at(one, steps) for one in target.sensors.items]
-        found.append(_Trial(stations, measured, {**options, **own}))
+        tried = {name: options[name] for name in _TRIED if name in options}
+        found.append(
+            _Trial(stations, measured, {**tried, **own, **_heights(target, steps, options)})
+        )
     return found
+
+
+def _heights(target: Target, steps: IntArray, options: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """Return the heights of a target at some instants and their sigmas, as far as all are known."""
+    try:
+        given = given_heights(target.heights, options.get("height"), options.get("height_sigma"))
+    except ValueError:
+        # the error is raised when the positions are estimated
+        return {}
+    frame = target.sensors.frame
+    below = frame.height if isinstance(frame, LocalFrame) else 0.0
+    each = [
+        np.broadcast_to(np.asarray(one, dtype=np.float64), np.shape(target.times))[steps]
+        for one in given
+        if one is not None
+    ]
+    if not each or not np.isfinite(each).all():
+        return {}
+    return dict(zip(("height", "height_sigma"), [each[0] - below, *each[1:]], strict=False))
 
 
 def _at(one: Station, steps: IntArray) -> Station:

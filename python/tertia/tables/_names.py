@@ -34,7 +34,14 @@ _WORDS = {
 }
 # words in the names of other quantities
 _OTHERS = {"rate", "sigma", "std", "error", "bias", "accuracy", "difference", "bistatic"}
-_UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|us|ns|s)$")
+# units in names; those of a line are different spellings of one
+_SPELLINGS = """
+    m_s2\nm_s mps\ndeg_s\nm2\nm metres meters\nkm\ncm\nmm\ndm\nnm nmi\nmi mile miles\nft feet
+    yd yds yards\nkt kts kn knots\nkm_h kmh kph\nmph\ndeg degrees\nrad radians\nmrad
+    gon gons grad grads gradians\nmil mils\ns sec seconds\nms\nus\nns
+"""
+_SPELT = {name: line.split()[0] for line in _SPELLINGS.split("\n") for name in line.split()}
+_UNIT = re.compile(f"_({'|'.join(_SPELT)})$")
 
 
 @lru_cache(maxsize=1024)
@@ -50,6 +57,14 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
     if likeness > 1.0:
         return f"; {name} is in another unit"
     return f" (did you mean {name}?)" if likeness >= near else ""
+
+
+def states_other_unit(column: str, name: object) -> bool:
+    """Return whether a name ends with a unit, and a column with another one."""
+    units = [_UNIT.search(plain_name(text)) for text in (column, name)]
+    spelt = [_SPELT[unit[1]] for unit in units if unit is not None]
+    # speed_ms is in metres per second
+    return len(spelt) == 2 and spelt[0] != spelt[1] and spelt != ["m_s", "ms"]
 
 
 def usual(column: str, there: Sequence[object]) -> str | None:

@@ -19,7 +19,7 @@ from tertia.sensors._identities import NO_IDENTITY
 from tertia.tables._doubts import doubt, doubt_clock, doubt_summer_time, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
-from tertia.tables._names import misspelt, own_names
+from tertia.tables._names import misspelt, own_names, states_other_unit
 from tertia.tables._parts import ColumnError, Part, RecordError, Source
 from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
@@ -186,6 +186,9 @@ def _called(
             raise ColumnError(
                 f"cannot group by {name}: the results have a column of this name", column=name
             )
+    for name, column in called.items():
+        if states_other_unit(name, column):
+            doubt(f"{column} is read as {name}, but its name states another unit")
     return called
 
 

@@ -34,7 +34,8 @@ from tertia.tables._velocities import (
 
 # noise in stated sigmas that few sensors have
 _MUCH = 10.0
-# in degrees
+# distance from latitude 0 and longitude 0 at which others are far from it, and limits, in degrees
+_FAR = 1.0
 _LARGEST = dict(zip(GEODETIC[:2], (90.0, 360.0), strict=True))
 # results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
@@ -183,7 +184,7 @@ def smoothing_of(
         schema = {**schema, **fields(moving)}
     records = read(source, schema, columns=columns, by=as_names(by))
     _refuse(records, given, sigmas, covariances)
-    frame = records.rows
+    frame = _with_fixes(records.rows) if geodetic else records.rows
     plane = _plane_of(frame) if geodetic else None
     if plane is not None:
         local = plane.to_local(*frame.select(GEODETIC[:2]).to_numpy().T)
@@ -344,6 +345,17 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
     there = [name for part in source for name in names(part.table)]
     usual = [bool(hint([name], there)) for name in (GEODETIC[0], LOCAL[0])]
     return any(map(has, GEODETIC[:2])) or usual == [True, False]
+
+
+def _with_fixes(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return the rows without positions that receivers write as long as they have no fix."""
+    zero = pl.all_horizontal(pl.col(GEODETIC[:2]) == 0.0)
+    others = frame.filter(~zero).select(pl.col(GEODETIC[:2]).fill_nan(None).abs().median())
+    count = frame.select(zero.sum()).item()
+    if not count or max(one or 0.0 for one in others.row(0)) < _FAR:
+        return frame
+    doubt(f"{count} rows have the latitude 0 and the longitude 0: they are read as missing values")
+    return frame.with_columns(pl.when(~zero).then(pl.col(GEODETIC[:2])).otherwise(math.nan))
 
 
 def _plane_of(frame: pl.DataFrame) -> SystemPlane:

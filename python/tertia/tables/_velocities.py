@@ -40,11 +40,11 @@ _COURSES: Mapping[str, Callable[[ComplexArray], ComplexArray]] = {
 # the speed that are too large, or agree
 _STEPS, _FEW, _LARGE, _SMALL = (1, 4), 30, 0.3, 0.15
 COURSE: Schema = {
-    # 102.3 kt is 'not available' in AIS (ITU-R M.1371)
+    # 102.3 kt and 360° are 'not available' in AIS (ITU-R M.1371)
     "speed": Field(
         "number", {"speed_m_s": 1.0, "speed_kt": _KNOT}, unavailable={"speed_kt": 102.3}
     ),
-    "course": Field("number", {"course_deg": np.pi / 180}),
+    "course": Field("number", {"course_deg": np.pi / 180}, unavailable={"course_deg": 360.0}),
 }
 
 
