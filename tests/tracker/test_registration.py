@@ -126,6 +126,26 @@ def test_one_radar_determines_nothing():
     np.testing.assert_allclose(sigma, columns(RADAR_LIMITS, "_sigma"), rtol=1e-9)
 
 
+def test_stated_errors_of_a_single_radar_are_in_its_covariances():
+    random, squares = np.random.default_rng(21), []
+    for seed in range(8):
+        sigma = {"range_sigma": 100.0, "azimuth_sigma": 0.15}
+        own = random.normal(0.0, list(sigma.values()))
+        bias = Bias(range=[own[0], 0.0], azimuth=[own[1], 0.0], degrees=True)
+        traffic = simulate.dense_traffic(15, area=(1e5, 1e5), turning_share=0.0, rng=seed)
+        record = simulate.radar_plots(traffic, RADARS, bias=bias, rng=seed + 50)
+        first = record.plots.sensor == 0
+        radar = replace(RADARS[0], bias=Bias(**sigma, degrees=True))
+        table = track(record.plots[first], [radar])
+        table = table[(table.plot >= 0) & (table.time > 60.0)]
+        truth, _ = traffic.at(record.target[first][table.plot], table.time)
+        known = np.isfinite(truth).all(axis=1)
+        off = (table.position - truth)[known]
+        squares.append(np.mean(nees(off, table.covariance[known][:, :2, :2])))
+    # one draw of the errors a seed; 20 and more if they are not included
+    assert np.mean(squares) / 2.0 < 2.0
+
+
 def test_errors_drift_as_their_bias_says():
     plots, known = recording(), []
     given = [RADAR_LIMITS, Bias(range_sigma=100.0, azimuth_sigma=0.1, time_sigma=0.1, degrees=True)]

@@ -72,6 +72,18 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
     return has_radar and bool(columns_of(own_biases(sensors), "_sigma").any())
 
 
+def is_default(sensors: Sequence[Sensor]) -> bool:
+    """Return whether sensors are registered by default.
+
+    A single radar is if its errors have stated sigmas: these belong to the covariances of tracks.
+    """
+    stated = [one for one in sensors if isinstance(one, Radar) and one.bias is not None]
+    deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in stated)
+    are_stated = bool(stated) and not deviates
+    are_stated = are_stated and bool(columns_of(own_biases(stated), "_sigma").any())
+    return is_registrable(sensors) or are_stated
+
+
 def begun(
     sensors: tuple[Sensor, ...], registration: Any
 ) -> tuple[tuple[Sensor, ...], tuple[FloatArray, FloatArray] | None]:

@@ -30,7 +30,7 @@ from tertia.sensors._sensors import own_biases
 from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
-from tertia.tracker._registrar import Registrar, begun, is_registrable, scans
+from tertia.tracker._registrar import Registrar, begun, is_default, scans
 from tertia.tracker._sensors import Sensor, check_plots, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, numbered
@@ -104,14 +104,14 @@ class Tracker:
         Period of the clock of the plots in seconds, for example 86400 for the time of day.
     registration : bool or tertia.registration.Registration, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
-        plots. This needs targets that other radars or position sensors see as well. By default they
-        are estimated if there are such sensors and at least one radar may have errors (its `bias`
-        is not `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error
-        except a delay. `Tracker.bias` contains the current estimate; the covariances of the tracks
-        include its uncertainty. Errors that are several times as large as their limits are found
-        from the first three scans, during which no rows are returned, or from the first seven
-        scans; the tracks then start anew, with new numbers. With the `Registration` of an earlier
-        recording, its noise is used, and the estimation goes on from the errors at its end.
+        plots, by targets that other radars or position sensors see as well. Default: if there are
+        several sensors and a radar may have errors (its `bias` is not `Bias()`), or if the `bias`
+        of a radar has sigmas. Positions of a `PositionSensor` are assumed to have no systematic
+        error except a delay. `Tracker.bias` contains the current estimate; the covariances of the
+        tracks include its uncertainty. Errors several times as large as their limits are found from
+        the first three or seven scans; the tracks then start anew, with new numbers, and in the
+        first three scans no rows are returned. An earlier `Registration` gives its noise, and the
+        errors at its end, from which the estimation goes on.
     n_threads : int, optional
         Number of threads for scans with over a thousand plots per thread; by default all cores.
 
@@ -202,7 +202,7 @@ class Tracker:
             self.lag,
         )
         if registration is None:
-            registration = not self.lag and is_registrable(self.sensors)
+            registration = not self.lag and is_default(self.sensors)
         if registration and lag:
             raise ValueError(
                 "registration needs plots in time order, but lag allows late plots; give only one"
@@ -596,5 +596,5 @@ def _alone(
     plots: Plots, sensor: Radar | PositionSensor, count: int, profile: ProfileName
 ) -> TrackTable:
     """Return the tracks from the plots of one sensor that have at least `count` plots."""
-    own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
-    return track(own, [sensor], motion="cv", confirmation=(count, count + 1), profile=profile)
+    own, few = replace(plots, sensor=np.zeros(len(plots), np.int64)), (count, count + 1)
+    return track(own, [sensor], motion="cv", confirmation=few, profile=profile, registration=False)

@@ -17,6 +17,11 @@ const DOUBT: f64 = 5.0;
 /// A row that moves a track by less than this, in standard deviations of a plot, has no plot.
 const STILL: f64 = 0.02;
 
+/// Largest error of a plot, in standard deviations, and longest lag of a filter, in scans, with which a plot is
+/// reconstructed.
+const FARTHEST: f64 = 5.0;
+const LONGEST_LAG: f64 = 3.0;
+
 /// An earlier row of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Past {
@@ -110,6 +115,13 @@ impl Moved {
         [0, 1].map(|k| along * self.axes[0][k] + across * self.axes[1][k])
     }
 
+    /// Largest distance of a plot from its row, m: by noise, and because the filter lags.
+    fn largest_lag(&self, row: &Row, radar: &Radar) -> f64 {
+        let sigma = self.axes.iter().map(|[a, b]| a.hypot(*b)).fold(0.0, f64::max);
+        let [.., vx, vy] = row.state;
+        FARTHEST * sigma + LONGEST_LAG * radar.scan_period * vx.hypot(vy)
+    }
+
     /// Returns the plot that caused the correction with these gains.
     fn plot(&self, gain: [f64; 2]) -> [f64; 2] {
         let by = self.in_plane([0, 1].map(|axis| self.step.position[axis] / gain[axis]));
@@ -173,8 +185,18 @@ pub(super) fn behind(
         gain.see(&moved.step);
     }
     // if velocities are not derived from positions, the positions are those of the plots
-    let gain = gain.along(moved.step.stated, is_periodic);
-    Behind::Plot(gain.map_or([x, y], |gain| moved.plot(gain)))
+    let Some(gain) = gain.along(moved.step.stated, is_periodic) else {
+        return Behind::Plot([x, y]);
+    };
+    let plot = moved.plot(gain);
+    let [east, north] = [plot[0] - x, plot[1] - y];
+    if east.hypot(north) <= moved.largest_lag(row, radar) {
+        return Behind::Plot(plot);
+    }
+    // the gain is not what it seems to be: the state, which may be as wrong as the plot is far away
+    let Plane { xx, xy, yy } = covariance;
+    let covariance = Plane { xx: xx + east * east, xy: xy + east * north, yy: yy + north * north };
+    Behind::State([x, y], covariance)
 }
 
 #[cfg(test)]
@@ -231,6 +253,32 @@ mod tests {
         assert!(matches!(found, Behind::State(_, own) if own.xx == 1e3));
         let found = behind(&row(4.0, 1e3), [past(&sure), None]);
         assert!(matches!(found, Behind::Plot(_)));
+    }
+
+    /// A correction that would lead to a plot many scans away.
+    #[test]
+    fn a_plot_far_away_is_none() {
+        let radar = radar_of([50.0, 1e-3]);
+        let row = |time, north: f64| Row {
+            sensor: 0,
+            track: 1,
+            time,
+            state: [40e3 + 200.0 * time, 30e3 + north, 200.0, 0.0],
+            covariance: std::array::from_fn(|i| if i % 5 == 0 { 1e3 } else { 0.0 }),
+            height: f64::NAN,
+            identities: Identities::NONE,
+            turn_probability: 0.0,
+        };
+        let last = Past::new(&row(0.0, 0.0), false, 0.0);
+        let behind = |north| {
+            let mut gain = Gain::default();
+            behind(None, (&row(4.0, north), false), &[Some(last), None], (&mut gain, false), &radar)
+        };
+        assert!(matches!(behind(100.0), Behind::Plot(_)));
+        let far = 4.0 * LONGEST_LAG * radar.scan_period * 200.0;
+        assert!(
+            matches!(behind(far), Behind::State([_, y], own) if y == 30e3 + far && own.yy > far * far)
+        );
     }
 
     #[test]
