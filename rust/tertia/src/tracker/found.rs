@@ -3,6 +3,7 @@
 use super::doubles::Doubles;
 use super::live::Tracker;
 use super::noise::Noise;
+use super::settings::Settings;
 
 impl Tracker {
     /// Noise factor of each sensor, estimated over stated sigma, by its last plots of confirmed tracks; nan
@@ -15,6 +16,13 @@ impl Tracker {
     /// were estimated; the latter are 0 unless they are significantly larger than stated.
     pub fn noise(&self) -> Vec<[[f64; 2]; 2]> {
         self.noise.iter().map(|noise| [noise.used, noise.found()]).collect()
+    }
+
+    /// Number of tracks, the settings, and the shortest interval between reports of a target by one sensor, s;
+    /// infinite if none is much shorter than stated.
+    pub(super) fn known(&self) -> (usize, &Settings, f64) {
+        let intervals = self.noise.iter().map(|noise| noise.interval.seconds());
+        (self.tracks.len(), &self.settings, intervals.fold(f64::INFINITY, f64::min))
     }
 
     /// Takes over what another tracker has estimated about the plots of the same sensors: their noise, the

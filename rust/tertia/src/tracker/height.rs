@@ -20,9 +20,11 @@ const STEADY: f64 = 200.0;
 const RATE: f64 = 20.0;
 /// Normalised innovation squared up to which the vertical rate is taken to be unchanged.
 const EXPECTED: f64 = 9.0;
-/// Number of successive heights that no model expects and that are taken to be right if they agree; largest
-/// vertical rate between two heights that agree, m/s, and margin for their errors, m.
+/// Number of successive heights that no model expects and that are taken to be right if they agree, in general
+/// and after a single height; largest vertical rate between two heights that agree, m/s, and margin for their
+/// errors, m.
 const ENOUGH: u8 = 3;
+const ENOUGH_FIRST: u8 = 2;
 const MAX_RATE: f64 = 150.0;
 const MARGIN: f64 = 4.0 * SIGMA;
 
@@ -37,6 +39,8 @@ pub(super) struct Vertical {
     most: f64,
     /// Whether the target has reported its height.
     pub reported: bool,
+    /// Whether it follows from one reported height alone, which is as often wrong as any other.
+    is_first: bool,
     refused: Refused,
 }
 
@@ -68,6 +72,7 @@ impl Vertical {
             variance,
             most: UNKNOWN,
             reported: true,
+            is_first: true,
             refused: Refused::default(),
         }
     }
@@ -83,6 +88,7 @@ impl Vertical {
             variance,
             most,
             reported: false,
+            is_first: false,
             refused: Refused::default(),
         }
     }
@@ -179,7 +185,8 @@ impl Vertical {
     fn refuse(&mut self, time: f64, height: f64) {
         let before = self.refused;
         self.refused = before.count(time, height);
-        if self.refused.count >= ENOUGH {
+        let enough = if self.is_first { ENOUGH_FIRST } else { ENOUGH };
+        if self.refused.count >= enough {
             let mut anew = Self::new(before.time, before.height);
             anew.variance[2] = RATE * RATE;
             *self = anew.at(time).taught(height);
@@ -209,6 +216,7 @@ impl Vertical {
     fn taught(mut self, height: f64) -> Self {
         self.learn(height, SIGMA * SIGMA);
         self.reported = true;
+        self.is_first = false;
         self.refused = Refused::default();
         self
     }
@@ -317,6 +325,15 @@ mod tests {
         other.correct(88.0, 2000.0);
         other.correct(92.0, 9300.0);
         near(1e-9, other.at(92.0).height, 5000.0);
+    }
+
+    #[test]
+    fn two_heights_that_agree_outvote_the_first() {
+        let mut own = Vertical::new(0.0, 9000.0);
+        for (time, height) in [(4.0, 5000.0), (8.0, 5030.48)] {
+            own.correct(time, height);
+        }
+        near(20.0, own.height, 5030.48);
     }
 
     #[test]

@@ -7,9 +7,9 @@
 
 use super::control::{Command, Refusal};
 use super::kept::Kept;
-use super::live::{Part, Tracker, WAITING};
+use super::live::{Part, Tracker};
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
-use super::repeats::next_part;
+use super::repeats::{WAITING, next_part};
 use super::row::{Resumed, Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
@@ -400,12 +400,12 @@ impl LagTracker {
         };
         let (mut rest, mut last) = (&order[..], hold);
         loop {
-            let next = self.tracker.waits().or(rest.first().map(|(time, _)| *time));
-            let from = next.unwrap_or(hold);
-            let (now, later, end) = next_part((&own, rest), [from, f64::INFINITY], &self.tracker);
+            let from = self.tracker.waits().or(rest.first().map(|own| own.0)).unwrap_or(hold);
+            let known = self.tracker.known();
+            let (now, later, end) = next_part((&own, rest), [from, f64::INFINITY], known);
             last = if end.is_some() { hold.max(until) } else { last };
             let hold = end.unwrap_or(last);
-            let times = [from.min(hold), hold, until];
+            let times = [from, hold, until];
             let part = Part { plots: &own, now, levels: &levels, index, times };
             self.tracker.stretch(scan, &part, &mut report, sink, n_threads);
             rest = later;

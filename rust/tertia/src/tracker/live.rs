@@ -8,7 +8,7 @@ use super::ended::Ended;
 use super::level::Level;
 use super::noise::{Noise, assume, use_found};
 use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
-use super::repeats::{ONCE, Repeats, next_part};
+use super::repeats::{ONCE, Repeats, WAITING, next_part};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -23,9 +23,6 @@ use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
-
-/// Time for which a plot waits for later plots that compete with it, as a share of the shortest scan.
-pub(super) const WAITING: f64 = 0.125;
 
 /// A part of the plots. `now` contains times and indices of the plots to be processed, `levels` the heights
 /// of the traffic at the time of each plot. `index` returns the index of a plot among all that were given so
@@ -264,7 +261,7 @@ impl Tracker {
             // together with the waiting plots no more than a scan, so that no target is in it twice
             let from = f64::max(until, next);
             until = from + ONCE * period;
-            let (now, later, end_of_part) = next_part((plots, rest), [from, until], self);
+            let (now, later, end_of_part) = next_part((plots, rest), [from, until], self.known());
             let wait = if end_of_part.is_some() { 0.0 } else { WAITING * period };
             until = end_of_part.unwrap_or(until);
             rest = later;

@@ -2,7 +2,6 @@
 //! between reports, and parts of the plots in which each target is reported once.
 
 use super::geometry::Geometry;
-use super::live::{Tracker, WAITING};
 use super::plot::{Plot, Plots, stated};
 use super::settings::Settings;
 use serde::{Deserialize, Serialize};
@@ -20,7 +19,10 @@ const KEPT: f64 = 600.0;
 const MANY: usize = 64;
 /// Least number of plots in a part, as a share of the number of tracks: each part visits all tracks.
 const SHARE: usize = 8;
-/// Share of the plots of a part, in which a target is reported once, in its sensor's interval between reports.
+/// Time for which a plot waits for later plots that compete with it, as a share of the shortest scan.
+pub(super) const WAITING: f64 = 0.125;
+/// Duration of a part of the plots, in which each target is reported once, as a share of the interval between
+/// reports.
 pub(super) const ONCE: f64 = 1.0 - 2.0 * WAITING;
 /// Share of the reports that follow sooner than the estimated interval, and the step of its logarithm.
 const SOON: f64 = 0.25;
@@ -154,26 +156,24 @@ impl Interval {
     }
 
     /// The interval, s; infinite unless it is much shorter than stated.
-    fn seconds(&self) -> f64 {
+    pub fn seconds(&self) -> f64 {
         if self.is_shorter() { self.seconds } else { f64::INFINITY }
     }
 }
 
 /// Divides plots, given as times and indices in the order of time, into those from time `from` that are
-/// processed next and the rest. These are the plots before `until`. The part ends sooner if reports follow more
-/// often than stated or, where all sensors report positions, if any target is reported again: states are more
+/// processed next and the rest. These are the plots before `until`. The part ends sooner if reports of a target
+/// follow in a shorter `interval` or, where all sensors report positions, if any target is reported again: states are more
 /// accurate if reports of a target are processed one after another. In that case its end is returned, too.
 pub(super) fn next_part<'a, P: Plots + ?Sized>(
     (plots, rest): (&P, Timed<'a>),
     [from, until]: [f64; 2],
-    tracker: &Tracker,
+    (tracks, settings, interval): (usize, &Settings, f64),
 ) -> (Timed<'a>, Timed<'a>, Option<f64>) {
-    let least = tracker.tracks.len().div_ceil(SHARE);
+    let least = tracks.div_ceil(SHARE);
     let enough = rest.get(least).map_or(until, |(time, _)| *time);
-    let intervals = tracker.noise.iter().map(|noise| noise.interval.seconds());
-    let interval = intervals.fold(f64::INFINITY, f64::min);
     let end = enough.max(from + ONCE * interval);
-    let found = reported_again((plots, rest), until.min(end), (least, &tracker.settings));
+    let found = reported_again((plots, rest), until.min(end), (least, settings));
     let end = found.or((end < until).then_some(end));
     let (now, later) =
         rest.split_at(rest.partition_point(|(time, _)| *time < end.unwrap_or(until)));
