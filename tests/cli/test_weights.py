@@ -1,6 +1,7 @@
 """The command `tertia weights`: what the library says of a file of measurements."""
 
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import polars as pl
 import pytest
 import terminal
 
-from tertia import fusion, weights
+from tertia import fusion, tables, weights
 from tertia.fusion._estimates import allowing_for
 
 run = partial(terminal.run, "weights")
@@ -118,3 +119,25 @@ def test_mistakes(
     assert done.code == code
     assert message in done.err
     assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.05])
+def test_rows_that_repeat_the_row_before_are_left_out(step: float) -> None:
+    """As of a sensor of 2 Hz that is recorded at 20 Hz."""
+    random = np.random.default_rng(6)
+    once = np.round(random.normal(100.0, [[1.0], [3.0]], (2, 60)) / step) * step
+    sensor = np.repeat(["a", "b"], 60)
+    table = pl.DataFrame({"sensor": sensor, "v_m": once.ravel()})
+    copied = pl.DataFrame({"sensor": np.repeat(sensor, 10), "v_m": np.repeat(once.ravel(), 10)})
+    expected = tables.weights(table, values="v_m")
+    with pytest.warns(tables.RecordWarning, match="rows of sensor [ab] repeat the row before"):
+        found = tables.weights(copied, values="v_m")
+    again = np.sum(np.diff(once, axis=1) == 0.0, axis=1)
+    assert found["measurement_count"].to_list()[:2] == (60 - again).tolist()
+    for column in ("v_m", "v_sigma_m"):
+        np.testing.assert_allclose(found[column], expected[column], rtol=0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # rounding repeats values, too
+        rounded = table.with_columns(pl.col("v_m").round(0))
+        assert tables.weights(rounded, values="v_m")["measurement_count"][0] == 60

@@ -24,6 +24,9 @@ from tertia.weights._readers import LARGEST
 
 FUSED = "fused"
 _LOSSES = (1e-6, 1e6)
+# usual differences, in steps, from which on equal rows are copies; standard deviations and number
+# by which they must exceed those of chance
+_DIFFERENT, _SURE, _FEW = 4.0, 3.0, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,4 +194,30 @@ def _samples(
                 f"sensor {name}: all values of {column} are equal; a weight can be computed only "
                 "from values that scatter"
             )
-    return samples
+    return {name: _without_copies(name, sample) for name, sample in samples.items()}
+
+
+def _without_copies(name: str, sample: FloatArray) -> FloatArray:
+    """Return measurements without rows that repeat the row before, if these are too many.
+
+    Rounding makes successive measurements equal, too, but at most one in twice the median
+    difference of those that differ, in steps.
+    """
+    apart = np.abs(np.diff(sample, axis=0))
+    differs = np.any(apart > 0.0, axis=1)
+    steps = np.where(apart > 0.0, apart, np.nan)
+    if not differs.any():
+        return sample
+    least = np.nanmin(steps, axis=0, initial=np.inf)
+    usual = np.max(np.median(apart[differs], axis=0) / least)
+    count, copies = len(differs), int(np.sum(~differs))
+    chance = 0.5 / max(usual, 0.5)
+    many = count * chance + _SURE * np.sqrt(count * chance * (1.0 - chance)) + _FEW
+    if usual < _DIFFERENT or copies <= many:
+        return sample
+    doubt(
+        f"{copies} of {len(sample)} rows of sensor {name} repeat the row before: they are no "
+        "measurements of their own, and are left out"
+    )
+    kept: FloatArray = sample[np.concatenate([[True], differs])]
+    return kept
