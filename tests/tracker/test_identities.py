@@ -2,6 +2,7 @@
 
 import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -267,3 +268,30 @@ def test_a_real_recording_has_a_track_per_aircraft(kinds):
     aircraft = np.unique(address[address >= 0])
     assert len(pairs) == len(np.unique(pairs[:, 0])) == len(aircraft) == 94
     assert set(pairs[:, 1]) == set(aircraft)
+
+
+def test_false_plots_without_an_address_are_seldom_those_of_a_target_that_has_one():
+    """As where it has left the coverage: its track coasts, and its gate becomes large."""
+    radar = replace(RADAR, scan_period=12.0, max_range=100e3)
+    taken = 0
+    for seed in range(12):
+        rng = np.random.default_rng([61, seed])
+        parts = []
+        for k in range(20):
+            time = np.arange(rng.uniform(0.0, 12.0), 900.0, 12.0)
+            course, start = rng.uniform(0.0, 2 * np.pi), rng.uniform(-60e3, 60e3, 2)
+            position = start + np.outer(time, 220.0 * np.array([np.sin(course), np.cos(course)]))
+            seen = (np.hypot(*position.T) < radar.max_range) & (rng.random(len(time)) < 0.9)
+            distance, azimuth = noisy(position[seen], radar, rng)
+            parts.append((time[seen], distance, azimuth, np.full(seen.sum(), 1 + k)))
+        count = 60 * 75
+        far = radar.max_range * np.sqrt(rng.random(count))
+        parts.append(
+            (900.0 * rng.random(count), far, 2 * np.pi * rng.random(count), np.full(count, -1))
+        )
+        time, distance, azimuth, address = (np.concatenate(one) for one in zip(*parts, strict=True))
+        table = track(Plots(time, distance, azimuth, icao_address=address), [radar])
+        own = table[table.confirmed & (table.plot >= 0) & (table.icao_address >= 0)]
+        taken += np.sum(address[own.plot] < 0)
+    # 25 if plots without an address are as likely as those with one
+    assert taken < 13

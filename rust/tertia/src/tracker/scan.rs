@@ -395,9 +395,13 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if row.is_some_and(|row| row.confirmed) {
+            if let Some(row) = row.filter(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
-                sky.noise[plot.radar].saw(track, plot, settings);
+                let noise = &mut sky.noise[plot.radar];
+                noise.saw(track, plot, settings);
+                if row.identities.is_some() {
+                    noise.silence.saw(!plot.identities.is_some());
+                }
             }
             match row {
                 Some(row) if track != given.track => {
