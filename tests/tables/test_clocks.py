@@ -155,8 +155,19 @@ def test_digits_of_the_time_of_day() -> None:
     quietly(seen([*np.arange(40.0), *np.arange(2000.0, 2040.0)]))
 
 
-def test_days_of_spreadsheets() -> None:
-    days = 45_231.5 + np.arange(30) / DAY
-    with pytest.warns(tables.RecordWarning, match="in days, as in spreadsheets"):
+@pytest.mark.parametrize(
+    ("start", "said"), [(45_231.5, "spreadsheets"), (2_460_434.5, "Julian dates")]
+)
+def test_days_of_spreadsheets_and_of_astronomers(start: float, said: str) -> None:
+    days = start + np.arange(30) / DAY
+    with pytest.warns(tables.RecordWarning, match=f"in days, as in {said}"):
         times_of(seen(days.tolist()))
-    quietly(seen((45_231.5 + np.arange(30.0)).tolist()))
+    quietly(seen((start + np.arange(30.0)).tolist()))
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]
+)
+def test_units_below_a_second(factor: float, unit: str) -> None:
+    with pytest.warns(tables.RecordWarning, match=f"is it in {unit}"):
+        times_of(seen((factor * (1.7638e9 + np.arange(30.0))).tolist()))

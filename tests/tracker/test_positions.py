@@ -342,6 +342,28 @@ def test_reports_without_identities_may_come_more_often_than_stated(beside):
     assert figures[0] < 1.05 * figures[1]
 
 
+@pytest.mark.parametrize("late", [0.0, 0.2])
+def test_a_message_that_two_receivers_report_counts_once(late):
+    random, time = np.random.default_rng(12), np.arange(0.0, 200.0)
+    truth = np.column_stack([180.0 * time, 60.0 * time])
+    position = truth + random.normal(0.0, 15.0, truth.shape)
+    plots = Plots(
+        np.concatenate([time, time + late]),
+        position=np.tile(position, (2, 1)),
+        sensor=np.repeat([0, 1], 200),
+        icao_address=7,
+    )
+    receiver = PositionSensor(position_sigma=15.0, bias=Bias())
+    table = track(plots, [receiver, receiver])
+    assert np.sum(table.track_of_plot == PlotStatus.DUPLICATE) == 200
+    alone = track(plots[:200], [receiver])
+    np.testing.assert_array_equal(table.position, alone.position)
+    # at the same place but later, a report of another receiver is new
+    parked = Plots([0.0, 1.0, 2.0, 3.0], position=[[5.0, 5.0]] * 4, sensor=[0, 1, 0, 1], identity=3)
+    table = track(parked, [receiver, receiver])
+    assert np.all(table.track_of_plot != PlotStatus.DUPLICATE)
+
+
 def test_copies_of_reports_with_the_same_time_do_no_harm():
     time = np.arange(0.0, 400.0)
     position = np.column_stack([180.0 * time, 60.0 * time]) + np.random.default_rng(2).normal(

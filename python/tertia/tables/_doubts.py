@@ -24,10 +24,15 @@ _NEAR = 1 / 50
 _SMALL_RANGES = (
     "half of the ranges are below {:.3g}: are they kilometres or nautical miles? Use metres"
 )
-# the year 5138, in seconds
+# the year 5138, in seconds, and in other units
 _LATEST = 1e11
-# the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
-_DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
+_SUBUNITS = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.inf}
+# the years 1970 to 2100, in days; and the longest recording in days
+_DAYS = {
+    (25_569.0, 73_051.0): "as in spreadsheets",
+    (2_440_587.0, 2_488_070.0): "as in Julian dates",
+}
+_LONGEST = 1.0
 # digits of the time of day after the last one; minutes that such times pass, and their usual step
 _MIDNIGHT, _MINUTES, _SHORT = 240_000.0, 3, 20.0
 # share of an hour within which local times go back at its end
@@ -143,13 +148,15 @@ def doubt_time(name: str, times: pl.Series) -> None:
     if not isinstance(first, (int, float)) or not isinstance(last, (int, float)):
         return
     if last > _LATEST:
-        doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")
-    days = _DAYS[0] < first < last < _DAYS[1] and last - first < _LONGEST
-    if days and times.n_unique() >= _DOUBTFUL_COUNT:
-        doubt(
-            f"{name} is between {first:.6f} and {last:.6f}: is it in days, as in spreadsheets? Use "
-            "seconds, or dates with times"
-        )
+        unit = next(unit for unit, most in _SUBUNITS.items() if last <= most)
+        doubt(f"{name} is as large as {last:.6g}: is it in {unit}? Use seconds")
+    for (least, most), said in _DAYS.items():
+        is_short = least < first < last < most and last - first < _LONGEST
+        if is_short and times.n_unique() >= _DOUBTFUL_COUNT:
+            doubt(
+                f"{name} is between {first:.6f} and {last:.6f}: is it in days, {said}? Use "
+                "seconds, or dates with times"
+            )
     if first >= 0 and last < _MIDNIGHT and _are_clock_digits(times):
         doubt(
             f"{name} is between {first:.10g} and {last:.10g}, minutes and seconds below 60: "

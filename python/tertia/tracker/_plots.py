@@ -302,7 +302,9 @@ _MESSAGES = {
         "the plot repeats the one before it or the last position of its target, or is a second "
         "plot of its target"
     ),
-    PlotStatus.NO_QUALITY: "the position has no valid covariance",
+    PlotStatus.NO_QUALITY: (
+        "the position has no valid covariance, and its sensor states no sigma of positions"
+    ),
     PlotStatus.UNASSOCIATED: (
         "the azimuth matches no confirmed track, or several in nearly the same direction"
     ),

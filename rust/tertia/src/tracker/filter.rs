@@ -69,7 +69,7 @@ impl Filter {
 
     /// The same for a target that has just appeared: it may have turned for long, unless it would then turn by
     /// more in a scan period than can be followed.
-    pub fn of_new(motion: &Motion, start: Estimate<4>, period: f64) -> Self {
+    pub fn appearing(motion: &Motion, start: Estimate<4>, period: f64) -> Self {
         let mut filter = Self::new(motion, start);
         if let (Self::Multiple(multiple), Motion::Imm(noise)) = (&mut filter, motion) {
             let rate_sigma = FIRST_RATES * noise.turn_rate_sigma;

@@ -298,7 +298,8 @@ impl Tracker {
         self.finish(next.min(end), rows, threads);
         self.bury(threads);
         let assumed = use_found(&mut self.settings.radars, &mut self.noise);
-        self.settings.silent = self.noise.iter().map(|noise| noise.silence.share()).collect();
+        let shares = self.noise.iter().map(|noise| noise.unidentified.share());
+        self.settings.unidentified = shares.collect();
         let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
         let convert = |&(_, i): &(f64, usize)| {
             let plot = plots.get(i);

@@ -21,9 +21,9 @@ const WINDOW: f64 = 4000.0;
 const ENOUGH: f64 = 100.0;
 /// Number of plots over which the share of those without an identity is taken, number of such plots that are
 /// assumed at first, and least share.
-const SILENCE: f64 = 2000.0;
-const ALL_SILENT: f64 = 4.0;
-const LEAST_SILENT: f64 = 0.01;
+const REMEMBERED: f64 = 2000.0;
+const AT_FIRST: f64 = 4.0;
+const LEAST_SHARE: f64 = 0.01;
 /// Number of tracks of a sensor that are used at the same time.
 const TRACKS: u64 = 64;
 /// Median of a squared standard normal error, and the best step, up or down, of the logarithm of its
@@ -145,20 +145,20 @@ fn correlation(function: impl Fn(f64) -> f64, value: f64) -> f64 {
 
 /// How many plots of targets with a known identity have none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Silence {
+pub(super) struct Unidentified {
     plots: f64,
-    silent: f64,
+    count: f64,
 }
 
-impl Silence {
-    pub fn saw(&mut self, is_silent: bool) {
-        self.plots = (1.0 - 1.0 / SILENCE) * self.plots + 1.0;
-        self.silent = (1.0 - 1.0 / SILENCE) * self.silent + f64::from(u8::from(is_silent));
+impl Unidentified {
+    pub fn saw(&mut self, is_one: bool) {
+        self.plots = (1.0 - 1.0 / REMEMBERED) * self.plots + 1.0;
+        self.count = (1.0 - 1.0 / REMEMBERED) * self.count + f64::from(u8::from(is_one));
     }
 
     /// Their share.
     pub fn share(&self) -> f64 {
-        ((self.silent + ALL_SILENT) / (self.plots + ALL_SILENT)).max(LEAST_SILENT)
+        ((self.count + AT_FIRST) / (self.plots + AT_FIRST)).max(LEAST_SHARE)
     }
 }
 
@@ -188,7 +188,7 @@ pub(super) struct Noise {
     lasting: Lasting,
     pub outliers: Outliers,
     pub interval: Interval,
-    pub silence: Silence,
+    pub unidentified: Unidentified,
     chains: Vec<Chain>,
 }
 
@@ -202,7 +202,7 @@ impl Noise {
             lasting: Lasting::default(),
             outliers: Outliers::default(),
             interval: Interval::new(radar.scan_period),
-            silence: Silence::default(),
+            unidentified: Unidentified::default(),
             chains: Vec::new(),
         }
     }
@@ -401,12 +401,12 @@ mod tests {
 
     #[test]
     fn few_plots_of_targets_that_reply_have_no_identity() {
-        let mut silence = Silence::default();
-        assert_eq!(silence.share(), 1.0);
-        (0..10_000).for_each(|plot| silence.saw(plot % 20 == 0));
-        assert_within(0.05, silence.share(), 0.05);
-        (0..20_000).for_each(|_| silence.saw(false));
-        assert_eq!(silence.share(), LEAST_SILENT);
+        let mut found = Unidentified::default();
+        assert_eq!(found.share(), 1.0);
+        (0..10_000).for_each(|plot| found.saw(plot % 20 == 0));
+        assert_within(0.05, found.share(), 0.05);
+        (0..20_000).for_each(|_| found.saw(false));
+        assert_eq!(found.share(), LEAST_SHARE);
     }
 
     #[test]

@@ -13,6 +13,8 @@ const ERRORS: f64 = 3.0;
 /// Time between the two positions from which the speed of a target is known, s: at least this, if the sensor
 /// reports more often.
 const LEVER: f64 = 3.0;
+/// Longest time by which a second receiver stamps a message later, s.
+const COPIED: f64 = 0.5;
 /// Time for which the last position of a target is kept, s, and number of targets from which on old ones are
 /// removed.
 const KEPT: f64 = 600.0;
@@ -33,15 +35,15 @@ const SHORTEST: f64 = 1e-3;
 /// Times of plots, in order, and their indices.
 type Timed<'a> = &'a [(f64, usize)];
 
-/// A target of a sensor: the sensor, the kind of its identity, and its identity.
-type Name = (usize, u8, i64);
+/// A target of a sensor: the kind of its identity, its identity, and the sensor.
+type Name = (u8, i64, usize);
 
-/// Returns the sensor and the identity of a report; none if its identity is not known, or is shared by many.
+/// Returns the identity and the sensor of a report; none if its identity is not known, or is shared by many.
 fn name(plot: &Plot) -> Option<Name> {
     let own = &plot.identities;
     let kinds = [i64::from(own.icao_address), own.identity, own.callsign];
     let known = kinds.into_iter().zip(0..).find(|(identity, _)| *identity >= 0);
-    known.map(|(identity, kind)| (plot.radar, kind, identity))
+    known.map(|(identity, kind)| (kind, identity, plot.radar))
 }
 
 /// Where a target was.
@@ -94,10 +96,13 @@ pub(super) struct Repeats {
 
 impl Repeats {
     /// Whether a report, which comes after those before it, has exactly the last position of its target
-    /// although the target cannot be there any more.
+    /// although the target cannot be there any more, or is that of another sensor, such as a second receiver.
     pub fn is_old(&mut self, plot: &Plot, settings: &Settings) -> bool {
         let (Some(report), Some(name)) = (&plot.report, name(plot)) else { return false };
         let place = Place { position: report.position, time: plot.time };
+        if self.is_copy(name, place) {
+            return true;
+        }
         let Some(target) = self.targets.get_mut(&name) else {
             self.forget(plot.time);
             self.targets.insert(name, Reported { before: None, last: place });
@@ -118,6 +123,15 @@ impl Repeats {
             * (plot.time - target.last.time)
             < 0.5 * moved;
         moved > ERRORS * sigma && !is_slow
+    }
+
+    /// Whether another sensor has just reported the target in exactly this place.
+    fn is_copy(&self, (kind, identity, sensor): Name, place: Place) -> bool {
+        let all = self.targets.range((kind, identity, 0)..=(kind, identity, usize::MAX));
+        all.filter(|((.., other), _)| *other != sensor).any(|(_, target)| {
+            let since = (place.time - target.last.time).abs();
+            since <= COPIED && target.last.position == place.position
+        })
     }
 
     /// Removes targets that have not been reported for long, now and then.
@@ -163,8 +177,9 @@ impl Interval {
 
 /// Divides plots, given as times and indices in the order of time, into those from time `from` that are
 /// processed next and the rest. These are the plots before `until`. The part ends sooner if reports of a target
-/// follow in a shorter `interval` or, where all sensors report positions, if any target is reported again: states are more
-/// accurate if reports of a target are processed one after another. In that case its end is returned, too.
+/// follow in a shorter `interval` or, where all sensors report positions, if any target is reported again:
+/// states are more accurate if reports of a target are processed one after another. In that case its end is
+/// returned, too.
 pub(super) fn next_part<'a, P: Plots + ?Sized>(
     (plots, rest): (&P, Timed<'a>),
     [from, until]: [f64; 2],

@@ -400,7 +400,7 @@ impl Scan {
                 let noise = &mut sky.noise[plot.radar];
                 noise.saw(track, plot, settings);
                 if row.identities.is_some() {
-                    noise.silence.saw(!plot.identities.is_some());
+                    noise.unidentified.saw(!plot.identities.is_some());
                 }
             }
             match row {

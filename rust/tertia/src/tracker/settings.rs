@@ -64,7 +64,7 @@ pub struct Settings {
     /// Delays of the targets of each sensor; none where they are not sought, and empty if nowhere.
     pub delays: Vec<Option<Delays>>,
     /// Share of the plots of targets with a known identity that have none, by sensor; empty at first.
-    pub silent: Vec<f64>,
+    pub unidentified: Vec<f64>,
     /// How positions follow from the plots of each radar; radars without an entry are in a flat
     /// plane.
     pub geometry: Vec<Geometry>,
@@ -114,7 +114,7 @@ impl Settings {
             radars,
             held: Vec::new(),
             delays: Vec::new(),
-            silent: Vec::new(),
+            unidentified: Vec::new(),
             geometry: Vec::new(),
             plans: Plans::default(),
             motion,

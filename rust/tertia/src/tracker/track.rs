@@ -441,7 +441,7 @@ impl Track {
         // several reports within one interval count as one: otherwise copies of a false plot would
         // confirm a track
         let counts = self.is_due(plot, &settings.radars[plot.radar]);
-        self.free(settings);
+        self.allow_turns(settings);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => {
                 expected.time = next;

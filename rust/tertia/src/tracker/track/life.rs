@@ -44,13 +44,13 @@ impl Track {
     }
 
     /// Lets the target of a tentative track turn as soon as its velocity is known.
-    pub(super) fn free(&mut self, settings: &Settings) {
+    pub(super) fn allow_turns(&mut self, settings: &Settings) {
         let Plane { xx, yy, .. } = self.estimate.velocity_covariance();
         let is_known = 0.5 * (xx + yy) < (KNOWN * settings.max_speed).powi(2);
         if is_known
             && matches!((&self.filter, &settings.motion), (Filter::Straight(_), Motion::Imm(_)))
         {
-            self.filter = Filter::of_new(&settings.motion, self.estimate, self.pace(settings));
+            self.filter = Filter::appearing(&settings.motion, self.estimate, self.pace(settings));
         }
     }
 
@@ -64,7 +64,7 @@ impl Track {
             plan
         });
         if !matches!(self.filter, Filter::Multiple(_)) {
-            self.filter = Filter::of_new(&settings.motion, self.estimate, self.pace(settings));
+            self.filter = Filter::appearing(&settings.motion, self.estimate, self.pace(settings));
         }
         let own = self.identities();
         let is_possible = |plan: &usize| {

@@ -42,7 +42,7 @@ impl Track {
         let height = self.height_ratio(plot);
         let identity = match plot.identities.is_some() {
             true => self.known.ratio(&settings.identities(plot).0, settings),
-            false => self.silence(plot, settings),
+            false => self.unidentified_ratio(plot, settings),
         };
         height * identity
     }
@@ -50,11 +50,11 @@ impl Track {
     /// Likelihood ratio of a plot without an identity: nearly all false plots have none, and few of
     /// those of a target that replies. What channels detected the plot says the same.
     #[inline]
-    fn silence(&self, plot: &Measured, settings: &Settings) -> f64 {
+    fn unidentified_ratio(&self, plot: &Measured, settings: &Settings) -> f64 {
         if plot.detection.is_some() || !self.identities().is_some() {
             return 1.0;
         }
-        settings.silent.get(plot.radar).copied().unwrap_or(1.0)
+        settings.unidentified.get(plot.radar).copied().unwrap_or(1.0)
     }
 
     /// Likelihood ratio of all quantities of a plot except its position: this target against any
