@@ -150,6 +150,22 @@ class TestMonteCarlo:
         if k > 1:
             assert np.sqrt(np.mean(error**2)) < 0.1
 
+    def test_first_plots_that_contradict_each_other(self):
+        z = np.full((3, 20), 10.0)
+        z[2] = 190.0
+        result = fuse_series(z, 0.25, MODEL, period=360.0)
+        assert np.all(np.abs(result.mean[:, 0] - 10.0) < 0.1)
+        np.testing.assert_array_equal(result.outlier[:, 0], [False, False, True])
+        # any of two may be wrong
+        result = fuse_series(z[1:], 0.25, MODEL, period=360.0)
+        assert not result.outlier[:, 0].any()
+        away = np.abs((result.mean[0, 0] - np.array([10.0, 190.0]) + 180.0) % 360.0 - 180.0)
+        assert np.all(away < 1.1 * result.sigma[0, 0])
+        # as before, where they agree
+        z[2] = 10.4
+        result = fuse_series(z[1:], 0.25, MODEL, period=360.0)
+        assert result.sigma[0, 0] == pytest.approx(np.sqrt(0.125))
+
     def test_robust_costs_nothing_where_all_is_well(self):
         at = range(20, 120)
         assert rmse("healthy", "robust", at) < 1.015 * rmse("healthy", "central", at)

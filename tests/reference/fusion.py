@@ -435,14 +435,18 @@ def learnt(component, cluster, seen, base, total, period):
     return Component(weight / total, component.x + with_angle * e, covariance, noise, motion)
 
 
-def contradicted(z, r, period):
-    """Plots that contradict more than half of the plots of a step, which agree with one."""
+def first_variances(z, r, period):
+    """Variances with which the plots of a step begin a state.
+
+    Infinite where a plot contradicts one with which more than half of them agree; if there is no
+    such plot, those of their largest difference.
+    """
     away = np.abs(wrap(z[:, np.newaxis] - z, period))
     agree = away <= ALIKE * np.sqrt(r[:, np.newaxis] + r)
     centre = np.argmax(agree.sum(axis=1))
     if 2 * agree[centre].sum() <= np.sum(~np.isnan(z)):
-        return np.zeros(len(z), dtype=bool)
-    return ~np.isnan(z) & ~agree[centre]
+        return r + np.nanmax(away, initial=0.0) ** 2 / 2
+    return np.where(agree[centre], r, np.inf)
 
 
 def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_probability=0.005):
@@ -460,11 +464,11 @@ def robust(z, r, t, f, q, initial, acceleration_variance, period=None, change_pr
                 one.x, one.p = predict(one.x, one.p, f[step - 1], q[step - 1])
         seen = [i for i in range(k) if not np.isnan(z[i, step])]
         if not track.known:
-            odd = contradicted(z[:, step], r[:, step], period)
-            outlier[:, step] = odd
+            first = first_variances(z[:, step], r[:, step], period)
+            outlier[seen, step] = np.isinf(first[seen])
             for i in seen:
-                if not odd[i]:
-                    track.update(z[i, step], r[i, step])
+                if np.isfinite(first[i]):
+                    track.update(z[i, step], first[i])
             components[0].x, components[0].p = track.x, track.p
         else:
             if step == 0:

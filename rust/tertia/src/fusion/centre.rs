@@ -4,7 +4,7 @@ use super::belief::{Belief, believed_noise};
 use super::intersection::Intersection;
 use super::matrix::{best_weights, difference, full, matrices, packed};
 use super::repeats::Repeats;
-use super::robust::{Robust, contradicted};
+use super::robust::{Robust, first_variances};
 use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Const, Matrix3, Vector3};
@@ -225,15 +225,15 @@ impl Centre {
     fn take_in(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
         if self.rule == Rule::Robust {
             let known = self.central.is_known();
-            let odd = if known { vec![true; z.len()] } else { contradicted(z, r, self.period) };
-            self.update_filters(z, r, |radar| !odd[radar]);
+            let first = (!known).then(|| first_variances(z, r, self.period));
+            self.update_filters(z, r, first.as_deref());
             self.update_robust(z, r, known, reports);
-            for (report, odd) in reports.iter_mut().zip(odd).filter(|_| !known) {
-                report.outlier = odd;
+            for (i, variance) in first.into_iter().flatten().enumerate() {
+                reports[i].outlier = !z[i].is_nan() && variance.is_infinite();
             }
             return self.central.state();
         }
-        let started = self.update_filters(z, r, |_| true);
+        let started = self.update_filters(z, r, Some(r));
         for (belief, radar) in self.beliefs.iter_mut().zip(&self.radars) {
             if let Some(belief) = belief {
                 belief.update(radar.innovation, 1.0 - self.parameters.forgetting_factor);
@@ -297,13 +297,14 @@ impl Centre {
         }
     }
 
-    /// Updates the radars' own filters with nominal noise, and the central filter with the plots of the radars
-    /// for which `central` holds. Returns for each radar which state its plot has initiated.
+    /// Updates the radars' own filters with nominal noise, and the central filter with the variances `central`,
+    /// if there are any, of which infinite ones are left out. Returns for each radar which state its plot has
+    /// initiated.
     fn update_filters(
         &mut self,
         z: &[f64],
         r: &[f64],
-        central: impl Fn(usize) -> bool,
+        central: Option<&[f64]>,
     ) -> Vec<Option<Start>> {
         let mut started = vec![None; z.len()];
         for (i, radar) in self.radars.iter_mut().enumerate() {
@@ -313,8 +314,8 @@ impl Centre {
             }
             let since = radar.filter.since_first_plot();
             let innovation = radar.filter.update(z[i], r[i]);
-            if central(i) {
-                self.central.update(z[i], r[i]);
+            if let Some(variance) = central.map(|r| r[i]).filter(|r| r.is_finite()) {
+                self.central.update(z[i], variance);
             }
             if radar.known {
                 let [p00, p01, p02, ..] = radar.filter.state().covariance;

@@ -87,18 +87,26 @@ fn renewed<const N: usize>(now: &[f64; N], at_first: &[f64; N], chance: f64) -> 
     std::array::from_fn(|i| now[i] + chance * (at_first[i] - now[i]))
 }
 
-/// Whether each plot of a step contradicts most of the plots, which agree: before there is a prediction, these
-/// alone can tell outliers. Cost O(K²).
-pub(super) fn contradicted(z: &[f64], r: &[f64], period: Option<f64>) -> Vec<bool> {
+/// Variances with which the plots of a step begin a state: before there is a prediction, the plots alone can tell
+/// outliers. Plots that contradict a plot with which more than half of them agree are left out (∞); if there is
+/// no such plot, any may be wrong, and all have the variance of their largest difference. Cost O(K²).
+pub(super) fn first_variances(z: &[f64], r: &[f64], period: Option<f64>) -> Vec<f64> {
+    let all = 0..z.len();
+    let apart = |i: usize, j: usize| residual(z[j], z[i], period).powi(2);
     // the comparison fails for missing plots
-    let agrees =
-        |i: usize, j: usize| residual(z[j], z[i], period).powi(2) <= ALIKE * ALIKE * (r[i] + r[j]);
-    let support = |i: usize| (0..z.len()).filter(|&j| agrees(i, j)).count();
-    let best = (0..z.len()).map(|i| (support(i), i)).max_by_key(|(count, i)| (*count, z.len() - i));
+    let agrees = |i: usize, j: usize| apart(i, j) <= ALIKE * ALIKE * (r[i] + r[j]);
+    let support = |i: usize| all.clone().filter(|&j| agrees(i, j)).count();
+    let best = all.clone().map(|i| (support(i), i)).max_by_key(|(count, i)| (*count, z.len() - i));
     let seen = z.iter().filter(|z| !z.is_nan()).count();
     match best.filter(|(count, _)| 2 * count > seen) {
-        Some((_, centre)) => (0..z.len()).map(|j| !z[j].is_nan() && !agrees(centre, j)).collect(),
-        None => vec![false; z.len()],
+        Some((_, centre)) => {
+            all.map(|j| if agrees(centre, j) { r[j] } else { f64::INFINITY }).collect()
+        }
+        None => {
+            let pairs = all.clone().flat_map(|i| all.clone().map(move |j| (i, j)));
+            let largest = pairs.map(|(i, j)| apart(i, j)).fold(0.0, f64::max);
+            r.iter().map(|r| r + 0.5 * largest).collect()
+        }
     }
 }
 
