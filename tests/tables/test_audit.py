@@ -116,12 +116,13 @@ class TestPositions:
         one = figure(tables.audit(table, degrees[1], origin=(48.0, 11.0)), "nees")["value"]
         assert one == pytest.approx(expected, rel=1e-3)
 
-    def test_sigmas_beside_latitudes_are_of_true_north(self):
+    @pytest.mark.parametrize("far", [2.5e6, 19e6])
+    def test_sigmas_beside_latitudes_are_of_true_north(self, far):
         geod = pytest.importorskip("pyproj").Geod(ellps="WGS84")
         random, count = np.random.default_rng(8), 400
-        # 2500 km from west to east at 65 degrees north
+        # from west to east, from 65 degrees north
         longitude, latitude, _ = geod.fwd(
-            *(np.full(count, one) for one in (10.0, 65.0, 80.0)), np.linspace(0.0, 2.5e6, count)
+            *(np.full(count, one) for one in (10.0, 65.0, 80.0)), np.linspace(0.0, far, count)
         )
         east, north = random.standard_normal((2, count)) * [[2000.0], [200.0]]
         seen = geod.fwd(

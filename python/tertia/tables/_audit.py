@@ -418,7 +418,7 @@ def _versus(
     both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
     clock = Clock.of(both["time"])
     place, true_place, frame = _common_places(records, there, origin)
-    axes = place.shape[1]
+    axes = place.shape[1] if frame is None else 2
     known_truth = np.isfinite(true_place).all(axis=1)
     labels = there.rows["name"].fill_null("").to_numpy().astype(str)
     when = clock.seconds(there.rows["time"])
@@ -472,8 +472,8 @@ def _common_places(
     frame = _frame((records if degrees[0] else there).rows, origin)
     if all(degrees):
         of_plane = _axes(records, "") > 0
-        places = _on_ground(frame, records.rows), _on_ground(frame, there.rows)
-        return *places, None if of_plane else frame
+        place, true = _on_ground(frame, records.rows), _on_ground(frame, there.rows)
+        return (place[:, :2], true[:, :2], None) if of_plane else (place, true, frame)
     found = [
         _local(frame, one.rows)[:, :2] if has else one.rows.select(LOCAL[:2]).to_numpy()
         for one, has in zip((records, there), degrees, strict=True)
@@ -482,10 +482,9 @@ def _common_places(
 
 
 def _of_true_north(frame: LocalFrame, rows: pl.DataFrame, vectors: FloatArray) -> FloatArray:
-    """Return horizontal vectors (N, 2) at positions, in the axes east and north of these."""
-    axes = frame.axes(*rows.select(GEODETIC[:2]).fill_nan(0.0).to_numpy().T)[:, :2, :2]
-    found: FloatArray = np.linalg.solve(axes.swapaxes(1, 2), vectors[..., np.newaxis])[..., 0]
-    return found
+    """Return vectors (N, 3) at positions in the axes east and north of these, (N, 2)."""
+    axes = frame.axes(*rows.select(GEODETIC[:2]).fill_nan(0.0).to_numpy().T)[:, :2]
+    return np.asarray(np.einsum("nij,nj->ni", axes, vectors))
 
 
 def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame:
@@ -505,10 +504,10 @@ def _local(frame: Any, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
 
 
 def _on_ground(frame: LocalFrame, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
-    """Return east and north (N, 2) without heights, which one of two tables may lack."""
+    """Return local positions (N, 3) on the ellipsoid: one of two tables may lack heights."""
     latitude, longitude = (rows[f"{prefix}{name}"].to_numpy() for name in GEODETIC[:2])
     local: FloatArray = frame.to_local(latitude, longitude, 0.0)
-    return local[:, :2]
+    return local
 
 
 def _axes(records: Records, prefix: str) -> int:
