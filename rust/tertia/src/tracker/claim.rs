@@ -10,6 +10,8 @@ use std::f64::consts::PI;
 
 /// Time by which a plot may come earlier or later than the beam is expected, as a share of a scan.
 const BEAM: f64 = 0.1;
+/// Number of sigmas of the error of a time within which reports are searched for.
+const CLOCKS: f64 = 4.5;
 
 /// A track that a radar may have seen, and the plots of this radar that may belong to it.
 #[derive(Clone, Copy, Debug)]
@@ -124,7 +126,7 @@ pub(super) fn reach(
     let site = geometry.site(station);
     let sway = track.sway((station, site), (time, centre), spread.placed);
     let delayed = if settings.delays_differ() { track.delayed_by(radar, settings) } else { 0.0 };
-    let sway = sway + delayed;
+    let sway = sway + delayed + CLOCKS * speed * settings.quality(radar).clock.sqrt();
     let more = margin + speed * slack + sway;
     // no target is farther away than it can have flown
     let scans = (time - track.seen).abs().max(station.scan_period);

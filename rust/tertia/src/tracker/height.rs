@@ -22,11 +22,12 @@ const RATE: f64 = 20.0;
 const EXPECTED: f64 = 9.0;
 /// Number of successive heights that no model expects and that are taken to be right if they agree, in general
 /// and after a single height; largest vertical rate between two heights that agree, m/s, and margin for their
-/// errors, m.
+/// errors, m. Three heights at a constant vertical rate, whatever it is, agree as well.
 const ENOUGH: u8 = 3;
 const ENOUGH_FIRST: u8 = 2;
 const MAX_RATE: f64 = 150.0;
 const MARGIN: f64 = 4.0 * SIGMA;
+const MARGIN_THREE: f64 = 10.0 * SIGMA;
 
 /// Height and vertical rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,21 +45,30 @@ pub(super) struct Vertical {
     refused: Refused,
 }
 
-/// Number of successive heights that agree although no model expects them, and time and height of the last
-/// one.
+/// Number of successive heights that agree although no model expects them, time and height of the last one,
+/// and the vertical rate between the last two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Refused {
     count: u8,
     time: f64,
     height: f64,
+    rate: f64,
 }
 
 impl Refused {
-    /// Counts one more height; a height that contradicts the one before starts the count again.
+    /// Counts one more height; a height that contradicts those before starts the count again.
     fn count(self, time: f64, height: f64) -> Self {
-        let most = MAX_RATE * (time - self.time).abs() + MARGIN;
-        let agrees = (height - self.height).abs() <= most;
-        Self { count: if agrees { self.count + 1 } else { 1 }, time, height }
+        let (t, d) = (time - self.time, height - self.height);
+        let is_near = d.abs() <= MAX_RATE * t.abs() + MARGIN;
+        let is_in_line = (d - self.rate * t).abs() <= MARGIN_THREE;
+        let count = match self.count {
+            0 => 1,
+            _ if is_near => self.count + 1,
+            _ if is_in_line && self.rate != 0.0 => ENOUGH,
+            _ => 1,
+        };
+        let rate = if self.count > 0 && t != 0.0 { d / t } else { 0.0 };
+        Self { count, time, height, rate }
     }
 }
 
@@ -189,6 +199,9 @@ impl Vertical {
         if self.refused.count >= enough {
             let mut anew = Self::new(before.time, before.height);
             anew.variance[2] = RATE * RATE;
+            if self.refused.rate.abs() > MAX_RATE {
+                anew.vertical_rate = self.refused.rate;
+            }
             *self = anew.at(time).taught(height);
         }
     }
@@ -325,6 +338,22 @@ mod tests {
         other.correct(88.0, 2000.0);
         other.correct(92.0, 9300.0);
         near(1e-9, other.at(92.0).height, 5000.0);
+    }
+
+    #[test]
+    fn three_heights_at_any_constant_rate_are_right() {
+        for (period, rate) in [(4.0, 160.0), (4.0, 250.0), (12.0, -250.0), (10.0, 600.0)] {
+            let mut own = level(period);
+            let begin = own.time;
+            for k in 1..=8 {
+                let height = 5000.0 + rate * period * (f64::from(k) - 0.3);
+                own.correct(begin + f64::from(k) * period, rounded(height));
+                if k > 3 {
+                    near(60.0, own.height, height);
+                    near(20.0, own.vertical_rate, rate);
+                }
+            }
+        }
     }
 
     #[test]

@@ -300,6 +300,7 @@ impl Tracker {
         let assumed = use_found(&mut self.settings.radars, &mut self.noise);
         let shares = self.noise.iter().map(|noise| noise.unidentified.share());
         self.settings.unidentified = shares.collect();
+        self.settings.qualities = self.noise.iter().map(Noise::quality).collect();
         let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
         let convert = |&(_, i): &(f64, usize)| {
             let plot = plots.get(i);
@@ -307,6 +308,7 @@ impl Tracker {
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
+            measured.widen(self.settings.quality(plot.radar).ratio);
             measured.gain = self.clutter[plot.radar].gain(radar, &measured);
             measured
         };

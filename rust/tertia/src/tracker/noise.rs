@@ -7,18 +7,16 @@
 //! their contrast is nearly free of accelerations, too. The estimates do not depend on the filters, which use
 //! the estimated noise.
 
+use super::differences::{ENOUGH, SPREAD, SURE, Size, WINDOW};
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
+use super::quality::{Quality, Reports};
 use super::repeats::Interval;
 use super::settings::Settings;
 use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_2_PI;
 
-/// Number of differences over which noise is estimated, and number before which no estimate is returned or
-/// used.
-const WINDOW: f64 = 4000.0;
-const ENOUGH: f64 = 100.0;
 /// Number of plots over which the share of those without an identity is taken, number of such plots that are
 /// assumed at first, and least share.
 const REMEMBERED: f64 = 2000.0;
@@ -26,21 +24,11 @@ const AT_FIRST: f64 = 4.0;
 const LEAST_SHARE: f64 = 0.01;
 /// Number of tracks of a sensor that are used at the same time.
 const TRACKS: u64 = 64;
-/// Median of a squared standard normal error, and the best step, up or down, of the logarithm of its
-/// estimate.
-const MEDIAN: f64 = 0.454_936_423_119_572_7;
-const STEP: f64 = 2.33;
-/// Variance of third differences of independent errors of variance 1.
-const THIRD: f64 = 20.0;
-/// Standard deviations, times the root of the number of differences, of the logarithm of the variance, of the
-/// contrast if errors are independent, and of the contrast if they are correlated (simulated, because
-/// differences share plots).
-const SPREAD: f64 = 2.7;
+/// Standard deviations, times the root of the number of differences, of the contrast if errors are independent,
+/// and of the contrast if they are correlated (simulated, because differences share plots).
 const CONTRAST: f64 = 3.0;
 const CONTRAST_LASTING: f64 = 2.4;
-/// Numbers of sigmas by which noise must exceed the stated noise, and by which errors must be correlated,
-/// before this is used.
-const SURE: f64 = 2.0;
+/// Number of sigmas by which errors must be correlated before this is used.
 const SURE_LASTING: f64 = 3.0;
 /// Share of an innovation by which a track usually moves: the effect of correlated noise on a track depends
 /// on it.
@@ -51,25 +39,6 @@ const DIFFERENT: f64 = 1.1;
 const MOST: f64 = 0.9;
 /// Largest difference between the durations of two successive scans, as a share.
 const EVEN: f64 = 0.1;
-
-/// The size of the errors in one coordinate: along or across the beam, or north or east.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Size {
-    count: f64,
-    /// Logarithm of the variance relative to the stated one, as if errors were independent.
-    level: f64,
-}
-
-impl Size {
-    /// Updates the size by a third difference, relative to the stated sigma.
-    fn saw(&mut self, third: f64) {
-        self.count = (self.count + 1.0).min(WINDOW);
-        // the first differences may be far off, so steps are limited
-        let step = STEP / self.count.max(10.0);
-        let median = THIRD * MEDIAN * self.level.exp();
-        self.level += if third * third > median { step } else { -step };
-    }
-}
 
 /// How far errors are correlated from scan to scan, from both coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -189,6 +158,8 @@ pub(super) struct Noise {
     pub outliers: Outliers,
     pub interval: Interval,
     pub unidentified: Unidentified,
+    /// Errors of the reports of a sensor of positions.
+    pub reports: Reports,
     chains: Vec<Chain>,
 }
 
@@ -203,6 +174,7 @@ impl Noise {
             outliers: Outliers::default(),
             interval: Interval::new(radar.scan_period),
             unidentified: Unidentified::default(),
+            reports: Reports::default(),
             chains: Vec::new(),
         }
     }
@@ -210,11 +182,16 @@ impl Noise {
     /// Starts again with the estimates so far: the plots that follow belong to new tracks.
     pub fn restart(&mut self) {
         self.chains.clear();
+        self.reports.restart();
     }
 
     /// Updates the estimates by a plot of a confirmed track.
     pub fn saw(&mut self, track: u64, plot: &Measured, settings: &Settings) {
         self.outliers.saw();
+        if settings.geometry(plot.radar).is_position() {
+            return self.saw_report(track, plot, settings);
+        }
+        self.reports.saw_plot(plot.time);
         let place = (track % TRACKS) as usize;
         let period = settings.radars[plot.radar].scan_period;
         if self.chains.is_empty() {
@@ -224,9 +201,6 @@ impl Noise {
         let age = plot.time - chain.times[0];
         if chain.track != track && chain.count > 0 && age >= 0.0 && age < 3.0 * period {
             return;
-        }
-        if chain.track == track && settings.geometry(plot.radar).is_position() {
-            self.interval.saw(age.abs());
         }
         let before = chain.times[0] - chain.times[1];
         let even = age > 0.0 && (chain.count < 2 || (age - before).abs() < EVEN * before);
@@ -268,15 +242,37 @@ impl Noise {
         };
     }
 
+    /// The same for a plot of a sensor that reports positions. Plots of targets that are larger than the
+    /// resolution of the sensor scatter for another reason.
+    fn saw_report(&mut self, track: u64, plot: &Measured, settings: &Settings) {
+        if let Some(age) = self.reports.age(track, plot.time) {
+            self.interval.saw(age);
+        }
+        if let Some(noise) = plot.source.placed().filter(|_| settings.radars[plot.radar].extent == 0.0) {
+            let stated = 0.5 * (noise.xx + noise.yy) / settings.quality(plot.radar).ratio;
+            self.reports.saw(track, plot, stated);
+        }
+    }
+
+    /// How plots differ from what the sensor states, apart from the noise of a radar.
+    pub fn quality(&self) -> Quality {
+        self.reports.quality(self.interval.stated)
+    }
+
     /// Whether the estimated noise is so large that tracks would differ.
     pub fn differs(&self) -> bool {
         let is_noisier = |(found, stated): (f64, f64)| found > DIFFERENT * stated;
-        self.interval.is_shorter() || self.found().into_iter().zip(self.stated).any(is_noisier)
+        let Quality { ratio, clock, .. } = self.quality();
+        let is_other = ratio > DIFFERENT * DIFFERENT || clock > 0.0;
+        is_other || self.interval.is_shorter() || self.found().into_iter().zip(self.stated).any(is_noisier)
     }
 
     /// Noise factor of both coordinates together, estimated over stated sigma; nan before there are enough
     /// plots.
     pub fn told(&self) -> f64 {
+        if let Some(ratio) = self.reports.ratio() {
+            return ratio.sqrt();
+        }
         let [along, across] = self.sizes.map(|size| {
             let (factor, own) = (factor(&size, &self.lasting), size.level.exp());
             if factor > 1.0 { factor.max(own) } else { own }
@@ -332,9 +328,6 @@ pub(super) fn assume(radars: &mut [Radar], sigmas: &[[f64; 2]]) {
 /// A direction at a plot, and the stated standard deviations along and across it, m.
 fn axes(stated: [f64; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], [f64; 2]) {
     let placed = plot.source.placed();
-    if let Some(noise) = placed.filter(|_| settings.geometry(plot.radar).is_position()) {
-        return ([0.0, 1.0], [noise.yy.sqrt(), noise.xx.sqrt()]);
-    }
     let origin = settings.radars[plot.radar].position;
     let away = [0, 1].map(|i| plot.position[i] - origin[i]);
     let distance = away[0].hypot(away[1]);
@@ -353,6 +346,7 @@ mod tests {
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
     use crate::sensors::radar_of;
+    use crate::tracker::differences::THIRD;
     use crate::tracker::{ImmModel, Motion};
     use std::f64::consts::{FRAC_PI_2, TAU};
 

@@ -365,6 +365,14 @@ impl Measured {
         own
     }
 
+    /// Multiplies the covariance of a reported position.
+    #[inline]
+    pub fn widen(&mut self, ratio: f64) {
+        if let Source::Placed(noise) | Source::Moving(noise, _) = &mut self.source {
+            *noise = noise.scaled(ratio);
+        }
+    }
+
     fn slant(&mut self, polar: [f64; 2], (radar, geometry): (&Radar, &Geometry), level: &Level) {
         let prior = level.prior(geometry.site(radar), polar[0]);
         self.position = geometry.placed(radar, polar, prior[0]).position;

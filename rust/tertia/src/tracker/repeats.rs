@@ -145,7 +145,7 @@ impl Repeats {
 /// The interval between reports of a target by one position sensor, as its tracks show it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Interval {
-    stated: f64,
+    pub stated: f64,
     seconds: f64,
 }
 

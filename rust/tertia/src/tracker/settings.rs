@@ -8,6 +8,7 @@ use super::mht::Mht;
 use super::motion::Motion;
 use super::plans::Plans;
 use super::plot::Measured;
+use super::quality::Quality;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
 use crate::base::exponential::exp;
@@ -65,6 +66,8 @@ pub struct Settings {
     pub delays: Vec<Option<Delays>>,
     /// Share of the plots of targets with a known identity that have none, by sensor; empty at first.
     pub unidentified: Vec<f64>,
+    /// How the reports of each sensor differ from what it states; empty at first.
+    pub qualities: Vec<Quality>,
     /// How positions follow from the plots of each radar; radars without an entry are in a flat
     /// plane.
     pub geometry: Vec<Geometry>,
@@ -115,6 +118,7 @@ impl Settings {
             held: Vec::new(),
             delays: Vec::new(),
             unidentified: Vec::new(),
+            qualities: Vec::new(),
             geometry: Vec::new(),
             plans: Plans::default(),
             motion,
@@ -138,6 +142,12 @@ impl Settings {
     /// Whether targets may be larger than the resolution of a sensor.
     pub(super) fn has_extents(&self) -> bool {
         self.radars.iter().any(|radar| radar.extent > 0.0)
+    }
+
+    /// How the reports of a sensor differ from what it states.
+    #[inline]
+    pub(super) fn quality(&self, sensor: usize) -> Quality {
+        self.qualities.get(sensor).copied().unwrap_or_default()
     }
 
     /// How positions follow from the plots of a radar.

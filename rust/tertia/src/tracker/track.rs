@@ -110,6 +110,8 @@ pub(super) struct Track {
     lean: Option<Box<Lean>>,
     /// Delays of the reports of its target, by sensor.
     delays: Vec<Delay>,
+    /// Variance of the error that the times of the last reports have in common, s².
+    lasting: f64,
     known: Known,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
@@ -186,6 +188,7 @@ impl Track {
             vertical,
             lean,
             delays: Vec::new(),
+            lasting: 0.0,
             known: Known::new(),
             correlation: Correlation::default(),
             suspended: false,
@@ -434,6 +437,7 @@ impl Track {
             self.emergencies = 0;
         }
         self.known.answer(&reply);
+        self.lasting += 0.5 * (settings.quality(plot.radar).lasting - self.lasting);
         let period = settings.radars[plot.radar].scan_period;
         let next = plot.time + period;
         self.period = self.period.max(period);

@@ -56,7 +56,11 @@ impl Track {
             Source::Polar => {
                 (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
             }
-            Source::Placed(noise) | Source::Moving(noise, _) => (noise, None, None),
+            Source::Placed(noise) | Source::Moving(noise, _) => {
+                // of its velocity, only the largest one is known
+                let moved = settings.quality(plot.radar).clock * (0.5 * settings.max_speed).powi(2);
+                (noise.plus(Plane { xx: moved, xy: 0.0, yy: moved }), None, None)
+            }
             Source::Slant { polar, prior } => {
                 let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
                 let vertical = Vertical::assumed(plot.time, prior);
@@ -89,12 +93,13 @@ impl Track {
         own.covariance[(2, 2)] += unnoticed;
         own.covariance[(3, 3)] += unnoticed;
         own = self.fork.as_ref().map_or(own, |fork| fork.widened(&own));
-        // the parts of an extended target that are seen may be the same for long
-        if self.extent.xx > 0.0 {
-            own.covariance[(0, 0)] += self.extent.xx;
-            own.covariance[(0, 1)] += self.extent.xy;
-            own.covariance[(1, 0)] += self.extent.xy;
-            own.covariance[(1, 1)] += self.extent.yy;
+        // errors of times and the parts of an extended target that are seen may be the same for long
+        if self.extent.xx > 0.0 || self.lasting > 0.0 {
+            let more = self.extent.plus(along([own.mean[2], own.mean[3]], self.lasting));
+            own.covariance[(0, 0)] += more.xx;
+            own.covariance[(0, 1)] += more.xy;
+            own.covariance[(1, 0)] += more.xy;
+            own.covariance[(1, 1)] += more.yy;
         }
         own
     }
@@ -128,6 +133,10 @@ impl Track {
             variance = self.vertical_for(plot).height_variance();
             let own = lean.position(t);
             by_height = [by_height[0] + own[0], by_height[1] + own[1]];
+        }
+        let clock = settings.quality(plot.radar).clock;
+        if clock > 0.0 {
+            noise = noise.plus(along([x[2], x[3]], clock));
         }
         if t < 0.0 {
             let p = &self.estimate.covariance;
