@@ -77,6 +77,7 @@ from studies import (
     tracker,
     trajectory,
     unhealthy,
+    unstated,
     velocities,
     vertical,
     weights,
@@ -255,6 +256,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "position-sensors.md": {
         "mixed": positions.mixed,
         "velocities": reported_velocities.reported_velocities,
+        "unstated": unstated.unstated,
         "misaligned": misaligned.misaligned,
         "delays": delays.delays,
         "boats": boats.table,

@@ -7,6 +7,7 @@ from tertia.sensors._identities import Identities
 from tertia.tracker import Plots
 
 __all__ = [
+    "CODES_OF_MANY",
     "DEBUG_BUILD",
     "VERSION",
     "AngleFilter",
@@ -57,6 +58,7 @@ __all__ = [
     "geodetic_to_ecef",
     "group_arrivals",
     "grubbs",
+    "height_offsets",
     "indicator_powers",
     "k_sigma",
     "lasting",
@@ -92,6 +94,7 @@ __all__ = [
     "register_start",
     "series_biases",
     "share_interval",
+    "shown_covariances",
     "simulated_factors",
     "singer_transition",
     "smooth",
@@ -112,6 +115,7 @@ __all__ = [
 
 VERSION: str
 DEBUG_BUILD: bool
+CODES_OF_MANY: list[int]
 
 def leave_one_out_statistics(
     y: FloatArray, n_threads: int | None
@@ -430,6 +434,13 @@ class TrackerSettings:
 
 def track_columns() -> list[tuple[str, str, str, list[int], str]]: ...
 def plots_to_cartesian(radars: list[Radar], plots: Plots) -> tuple[FloatArray, FloatArray]: ...
+def height_offsets(first: list[int], plots: FloatArray) -> FloatArray: ...
+def shown_covariances(
+    sensors: tuple[list[Radar], list[Geometry]],
+    track: IntArray,
+    sensor: IntArray,
+    plots: FloatArray,
+) -> FloatArray: ...
 def smooth_tracks(
     motion: Motion,
     first: list[int],

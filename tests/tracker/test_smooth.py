@@ -275,6 +275,9 @@ def test_tracks_of_one_identity_are_joined():
     between = found[(found.time > 100) & (found.time < 200)]
     assert len(between) > 8
     assert np.max(between.gap) >= 45.0
+    # which many targets have
+    visual = Plots(time, named.range, named.azimuth, mode_3a=0o7000)
+    assert len(np.unique(smooth_tracks(visual, [RADAR], tracks).track)) == 2
     nobody = Plots(time, named.range, named.azimuth)
     apart = smooth_tracks(nobody, [RADAR], track(nobody, [RADAR]))
     assert len(np.unique(apart.track)) == 2

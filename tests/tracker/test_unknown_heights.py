@@ -157,3 +157,51 @@ def test_smoothed_tracks_without_heights_are_as_uncertain_as_their_height() -> N
     known = smoothed.icao_address >= 0x400004
     assert np.sqrt(np.mean(np.sum(error[known] ** 2, axis=1))) < 28.0
     assert np.mean(inside[known]) > 0.93
+
+
+def _in_a_plane(seed: int) -> tuple[Plots, list[Radar], np.ndarray, np.ndarray]:
+    """Return plots of aircraft at 7 to 11 km, two thirds of which report no height.
+
+    The radars are in a flat plane, and have no errors.
+    """
+    rng = np.random.default_rng(seed)
+    noise = {"range_sigma": 40.0, "azimuth_sigma": 0.001, "scan_period": 4.0}
+    radars = [Radar(place, **noise) for place in ((-40e3, 0.0), (50e3, 20e3), (0.0, 70e3))]
+    number, scan, sensor = (one.ravel() for one in np.indices((12, 75, 3)))
+    time = 4.0 * scan + rng.uniform(0.0, 4.0, (12, 3))[number, sensor]
+    course = rng.uniform(0.0, 2.0 * np.pi, 12)[number]
+    start, height = rng.uniform(-60e3, 60e3, (12, 2)), rng.uniform(7e3, 11e3, 12)
+    way = 200.0 * time[:, np.newaxis] * np.column_stack([np.sin(course), np.cos(course)])
+    place = start[number] + way
+    away = place - np.array([one.position[:2] for one in radars])[sensor]
+    plots = Plots(
+        time,
+        np.hypot(np.hypot(*away.T), height[number]) + rng.normal(0.0, 40.0, len(time)),
+        np.arctan2(away[:, 0], away[:, 1]) + rng.normal(0.0, 0.001, len(time)),
+        sensor=sensor,
+        height=np.where(number < 4, height[number], np.nan),
+    )
+    return plots, radars, place, number
+
+
+def test_tracks_without_heights_are_smoothed_at_the_height_that_several_radars_show() -> None:
+    plots, radars, place, number = _in_a_plane(1)
+    for sensors in (radars, radars[:1]):
+        kept = plots.sensor < len(sensors)
+        table = smooth_tracks(plots[kept], sensors, registration=False)
+        error = table.position - place[kept][table.plot]
+        inverse = np.linalg.inv(table.covariance[:, :2, :2])
+        inside = np.einsum("ni,nij,nj->n", error, inverse, error) < 5.99
+        unknown = number[kept][table.plot] >= 4
+        # with horizontal ranges, none are inside
+        assert np.mean(inside[unknown]) > 0.9
+        if len(sensors) == 3:
+            assert np.sqrt(np.mean(np.sum(error[unknown] ** 2, axis=1))) < 40.0
+
+
+def test_radars_are_registered_by_aircraft_most_of_which_have_no_heights() -> None:
+    plots, radars, _, _ = _in_a_plane(2)
+    found = register(plots, radars)
+    # 200 to 600 m with horizontal ranges, at a claimed 30 m
+    assert np.all(np.abs(found.bias.range) < 3 * found.bias.range_sigma)
+    assert np.all(np.abs(found.bias.range) < 40.0)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # standard deviation of a reported height: hundreds of feet, rounded, and the encoder
 _HEIGHT_SIGMA = 15.0
 # of heights that are not known, before those of other plots tell: anywhere up to 12 km
-_LEVEL_SIGMA = 12_000.0 / np.sqrt(12.0).item()
+LEVEL_SIGMA = 12_000.0 / np.sqrt(12.0).item()
 # of the range: so much nearer than its height a plot is still straight above the radar
 _OVERHEAD_SIGMAS = 3.0
 # meridional radius at the equator, the smallest, in metres
@@ -53,7 +53,7 @@ def positions(
     level, spread = sites[plots.sensor, 2], 0.0
     if len(heights):
         level = np.full(len(plots), np.mean(heights))
-        spread = (_LEVEL_SIGMA**2 + np.sum((heights - level[0]) ** 2)) / (1 + len(heights))
+        spread = (LEVEL_SIGMA**2 + np.sum((heights - level[0]) ** 2)) / (1 + len(heights))
     sigma = _sigmas(plots, sensors)
     height_sigma = np.where(known, np.hypot(_HEIGHT_SIGMA, doubt), np.sqrt(spread))
     columns = np.column_stack([plots.range, plots.azimuth, np.where(known, plots.height, level)])

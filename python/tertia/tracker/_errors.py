@@ -156,7 +156,7 @@ def errors(
     (value, after, covariance, factor, redundancy), changes, _ = _core.register_errors(
         target_plots(own, tracks, rows),
         core_sensors(sensors, "cv")[0],
-        slant(sensors),
+        slant(sensors, plots),
         [mean, sigma, drift_rates(sensors)],
         edges,
         np.ascontiguousarray(begin),

@@ -38,9 +38,14 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
     return tuple(values)
 
 
-def slant(sensors: Sequence[Sensor]) -> list[bool]:
-    """Return which sensors are radars whose ranges are slant ranges even if no height is known."""
+def slant(sensors: Sequence[Sensor], plots: Plots | None = None) -> list[bool]:
+    """Return which sensors are radars with slant ranges: all if any of the plots has a height.
+
+    If no height is known, only the ranges of radars with a height of their own are slant ranges.
+    """
     radars = [one if isinstance(one, Radar) else None for one in sensors]
+    if plots is not None and np.isfinite(plots.height).any():
+        return [one is not None for one in radars]
     return [one is not None and (one.site is not None or len(one.position) > 2) for one in radars]
 
 

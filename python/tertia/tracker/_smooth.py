@@ -33,12 +33,12 @@ from tertia.sensors._identities import (
     leading,
 )
 from tertia.sensors._sensors import own_biases
-from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
+from tertia.tracker._placement import placed
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
-from tertia.tracker._sensors import interval, reported, velocities_of
+from tertia.tracker._sensors import interval, velocities_of
 from tertia.tracker._table import TrackTable
 from tertia.tracker._tracker import track
 
@@ -48,8 +48,6 @@ _Sensor: TypeAlias = Radar | PositionSensor
 _PAUSE, _FASTEST, _ALLOWANCE = 300.0, 350.0, 3000.0
 # plots wait less for others before they are given to tracks, in seconds
 _WAITING = 60.0
-# usual vertical rate, by which a height becomes uncertain, in metres per second
-_CLIMB = 5.0
 # more states than these are asked for by mistake
 _MOST_STATES = 100_000_000
 
@@ -303,48 +301,6 @@ def smooth_tracks(
     return _smoothed(rows, *found)
 
 
-def _levelled(plots: Plots, number: IntArray, time: FloatArray) -> tuple[Plots, FloatArray]:
-    """Return plots with heights between those of their track, and the sigmas of these heights.
-
-    Tracks are given by their numbers. The sigma grows with the time to the nearest height.
-    """
-    height, doubt = plots.height.copy(), np.zeros(len(plots))
-    order = np.lexsort((time, number))
-    order = order[np.isfinite(time[order])]
-    for own in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
-        known = np.isfinite(height[own])
-        if not known.any() or known.all():
-            continue
-        there, missing = own[known], own[~known]
-        after = np.searchsorted(time[there], time[missing])
-        near = [there[np.clip(after - k, 0, len(there) - 1)] for k in (0, 1)]
-        gap = np.min([np.abs(time[missing] - time[one]) for one in near], axis=0)
-        height[missing] = np.interp(time[missing], time[there], height[there])
-        doubt[missing] = _CLIMB * gap
-    return plots._replaced(height=height), doubt
-
-
-def _placed(
-    plots: Plots, sites: Sequence[Radar], doubt: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions, their covariances, and what unknown heights contribute to these.
-
-    A target without any height is at the mean height of the others, and all of its plots are off by
-    the same error of this height.
-    """
-    plane, unknown = plane_of(sites), np.isnan(plots.height)
-    if plane is None:
-        position, covariance = plots.to_cartesian(sites)
-        return position, covariance, np.zeros_like(covariance)
-    position, covariance = positions(plots, sites, plane, doubt)
-    shared = np.zeros_like(covariance)
-    if unknown.any() and not unknown.all():
-        level = np.where(unknown, np.mean(plots.height[~unknown]), plots.height)
-        sure = positions(plots._replaced(height=level), sites, plane, doubt)[1]
-        shared[unknown] = (covariance - sure)[unknown]
-    return position, covariance, shared
-
-
 @dataclass(frozen=True, slots=True)
 class _Rows:
     """Plots of tracks, sorted by track and time; `first` has the first plot of each track.
@@ -377,8 +333,7 @@ class _Rows:
         time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)
         velocity, spread = velocities_of(corrected, sites)
         number = _joined(replace(tracks[rows], time=time), radars)
-        levelled, doubt = _levelled(corrected, number, time)
-        position, covariance, shared = _places(levelled, sites, doubt)
+        position, covariance, shared = placed(corrected, sites, number, time, tracks.velocity[rows])
         known = np.isfinite(position[:, 0]) & np.isfinite(time)
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
@@ -428,21 +383,6 @@ def _sensors_of(values: Any, name: str) -> Sequence[_Sensor]:
     return values
 
 
-def _places(
-    plots: Plots, sensors: Sequence[_Sensor], doubt: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions of plots and reports, (N, 2), and covariances as `_placed` does."""
-    radars = [k for k, one in enumerate(sensors) if isinstance(one, Radar)]
-    position, covariance = reported(plots.position, plots.covariance, plots, sensors, "position")
-    shared = np.zeros_like(covariance)
-    own = np.isin(plots.sensor, radars)
-    if own.any():
-        polar = plots[own]._replaced(sensor=np.searchsorted(radars, plots.sensor[own]))
-        sites = [one for one in sensors if isinstance(one, Radar)]
-        position[own], covariance[own], shared[own] = _placed(polar, sites, doubt[own])
-    return position, covariance, shared
-
-
 def _joined(tracks: TrackTable, radars: Sequence[_Sensor]) -> IntArray:
     """Return the number of the target of each row: the number of the target's first track."""
     if not len(tracks):
@@ -450,7 +390,11 @@ def _joined(tracks: TrackTable, radars: Sequence[_Sensor]) -> IntArray:
     seen = tracks[np.lexsort((tracks.time, tracks.track))]
     numbers, first = np.unique(seen.track, return_index=True)
     target = dict(zip(numbers.tolist(), numbers.tolist(), strict=True))
-    own_kind = getattr(seen, leading(seen))
+    kind = leading(seen)
+    own_kind = getattr(seen, kind)
+    if kind == "mode_3a":
+        # equal codes of many targets say nothing
+        own_kind = np.where(np.isin(own_kind, _core.CODES_OF_MANY), NO_IDENTITY, own_kind)
     identity = np.full_like(own_kind, NO_CALLSIGN if own_kind.dtype.kind == "U" else NO_IDENTITY)
     for rows in np.split(np.arange(len(seen)), first[1:]):
         replies = own_kind[rows]

@@ -84,7 +84,7 @@ mod core_module {
     #[pymodule_export]
     use super::tracker::{
         Geometry, Motion, PlotTracker, Registrar, TrackAssociation, TrackColumns, TrackerSettings,
-        plots_to_cartesian, smooth_tracks, track_columns,
+        height_offsets, plots_to_cartesian, shown_covariances, smooth_tracks, track_columns,
     };
     #[pymodule_export]
     use super::trajectory::arrivals::{group_arrivals, reconstruct_arrivals};
@@ -96,4 +96,7 @@ mod core_module {
     const VERSION: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]
     const DEBUG_BUILD: bool = cfg!(debug_assertions);
+    /// Mode 3/A codes that are given to many targets.
+    #[pymodule_export]
+    const CODES_OF_MANY: [i16; 5] = tertia::tracker::CODES_OF_MANY;
 }

@@ -9,7 +9,7 @@ mod table;
 pub use geometry::Geometry;
 pub use registrar::Registrar;
 pub use settings::{Motion, TrackAssociation, TrackerSettings};
-pub use smooth::smooth_tracks;
+pub use smooth::{height_offsets, shown_covariances, smooth_tracks};
 pub use table::{TrackColumns, track_columns};
 
 use crate::arrays::{Array, Input, Integers, Threads, array, release, room_for, value_error};

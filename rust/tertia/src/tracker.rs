@@ -5,12 +5,14 @@
 //! remaining plot starts a tentative track. Radars see a target at different times, each once per scan.
 //!
 //! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean <- delay; motion <-
-//! bank; level, geometry <- plot; mht <- association; geometry, plans, association, motion <- settings,
+//! bank; level, geometry <- plot, differences <- quality; mht <- association; geometry, plans, association, motion,
+//! quality <- settings,
 //! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
 //! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
 //! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
 //! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan, repeats,
-//! shapes <- live <- ending, kept, control, found, late <- lag`; `kinematics, motion <- smooth` beside them.
+//! shapes <- live <- ending, kept, control, found, late <- lag`; `kinematics, motion, noise <- smooth` beside
+//! them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -96,6 +98,7 @@ pub use control::{Command, Refusal};
 pub use estimate::Estimate;
 pub(crate) use follower::Follower;
 pub use geometry::Geometry;
+pub use identity::CODES_OF_MANY;
 pub use lag::LagTracker;
 pub use level::Heights;
 pub use live::Tracker;
@@ -105,5 +108,8 @@ pub use plans::Plans;
 pub use plot::{Plot, PlotStatus, Plots, Report};
 pub use row::{Resumed, Row, Rows};
 pub use settings::{Confirmation, Settings};
-pub use smooth::{Manoeuvre, Movement, SmoothedRow, Times, TrackPlot, smooth_tracks};
+pub use smooth::{
+    Manoeuvre, Movement, PlacedPlot, SmoothedRow, Times, TrackPlot, height_offset,
+    shown_covariances, smooth_tracks,
+};
 pub use table::{Data, Table};

@@ -1,14 +1,21 @@
 //! Tracks smoothed with all their plots.
 
+use super::geometry::Geometry;
 use super::settings::Motion;
 use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release};
+use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::tracker::{Movement, Plane, SmoothedRow, Times, TrackPlot, smooth_tracks as smooth};
+use tertia::tracker::{
+    self as core, Movement, PlacedPlot, Plane, Settings, SmoothedRow, Times, TrackPlot,
+    height_offset, shown_covariances as shown, smooth_tracks as smooth,
+};
 
 /// Cost of a plot, for the decision whether to release the interpreter's lock.
 const PLOT_NS: f64 = 5000.0;
+/// The same for the estimation of the noise.
+const NOISE_NS: f64 = 50.0;
 /// Number of values of a row: its columns from the time on, including those of vectors and matrices.
 const NUMBERS: usize = 35;
 
@@ -62,6 +69,70 @@ pub fn smooth_tracks<'py>(
         array(py, &[count, 4], codes)?,
         array(py, &[count, 2], marks)?,
     ))
+}
+
+/// Returns by how much the target of each track is lower than the height at which its plots were placed, and
+/// the variance of this, (tracks, 2). `first` is as above; `plots` contains time, east, north, their variances
+/// and covariance, and the derivatives of the position with respect to the height.
+#[pyfunction]
+pub fn height_offsets<'py>(
+    py: Python<'py>,
+    first: Vec<usize>,
+    plots: Input<'py>,
+) -> PyResult<Array<'py>> {
+    let values = plots.points::<8>("plots", 1)?;
+    if !first.is_sorted() || first.last() != Some(&values.len()) {
+        return Err(PyValueError::new_err("the columns of plots differ in length"));
+    }
+    let placed = |v: &[f64; 8]| {
+        let mut columns = [f64::NAN; 12];
+        columns[..6].copy_from_slice(&v[..6]);
+        plot(&columns, true)
+    };
+    let lifts: Vec<[f64; 2]> = values.iter().map(|v| [v[6], v[7]]).collect();
+    let plots: Vec<TrackPlot> = values.iter().map(placed).collect();
+    let found: Vec<f64> = first
+        .windows(2)
+        .flat_map(|w| height_offset(&plots[w[0]..w[1]], &lifts[w[0]..w[1]]))
+        .collect();
+    array(py, &[first.len().saturating_sub(1), 2], found)
+}
+
+/// Returns, for each plot of tracks in the order of time, the variances and the covariance by the noise that
+/// the plots show, and the same of what successive plots have in common, (N, 6). `plots` contains time, east,
+/// north, their variances and covariance, and the velocity of the target.
+#[pyfunction]
+pub fn shown_covariances<'py>(
+    py: Python<'py>,
+    sensors: (Vec<PyRef<'py, Radar>>, Vec<PyRef<'py, Geometry>>),
+    track: PyReadonlyArray1<'py, i64>,
+    sensor: PyReadonlyArray1<'py, i64>,
+    plots: Input<'py>,
+) -> PyResult<Array<'py>> {
+    let radars = sensors.0.iter().map(|radar| radar.0.clone()).collect();
+    let mut settings = Settings::new(radars, core::Motion::Cv(1.0));
+    settings.geometry = sensors.1.iter().map(|geometry| geometry.0.clone()).collect();
+    let (track, sensor, values) =
+        (track.as_slice()?, sensor.as_slice()?, plots.points::<8>("plots", 1)?);
+    let is_known = |k: &i64| usize::try_from(*k).is_ok_and(|k| k < settings.radars.len());
+    if track.len() != values.len() || sensor.len() != values.len() || !sensor.iter().all(is_known) {
+        return Err(PyValueError::new_err("plots must have a track and a sensor that exists"));
+    }
+    let placed: Vec<PlacedPlot> = values
+        .iter()
+        .zip(track.iter().zip(sensor))
+        .map(|(&[time, x, y, xx, xy, yy, u, v], (&track, &sensor))| PlacedPlot {
+            track: track.unsigned_abs(),
+            sensor: sensor.unsigned_abs() as usize,
+            time,
+            position: [x, y],
+            covariance: Plane { xx, xy, yy },
+            velocity: [u, v],
+        })
+        .collect();
+    let found = release(py, placed.len() as f64 * NOISE_NS, || shown(&settings, &placed))?;
+    let numbers = |plane: &Plane| [plane.xx, plane.xy, plane.yy];
+    array(py, &[found.len(), 6], found.iter().flatten().flat_map(numbers))
 }
 
 /// Creates a plot from time, east, north, their variances and covariance, the same of the velocity, and

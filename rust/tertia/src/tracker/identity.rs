@@ -16,10 +16,12 @@ pub(super) const CALLSIGN_ERROR: f64 = 1e-6;
 pub(super) const CODE_ERROR: f64 = 1e-3;
 
 /// Likelihood ratios, one target against two, of equal replies: of addresses and callsigns, which two targets
-/// share only by mistake, and of codes that are given to many targets, such as flights under visual rules.
+/// share only by mistake, and of codes that are given to many targets.
 const UNSHARED: f64 = 1e6;
 const SHARED_BY_MANY: f64 = 5.0;
-const CODES_OF_MANY: [i16; 5] = [0o0000, 0o1000, 0o1200, 0o2000, 0o7000];
+
+/// Mode 3/A codes that are given to many targets, such as flights under visual rules.
+pub const CODES_OF_MANY: [i16; 5] = [0o0000, 0o1000, 0o1200, 0o2000, 0o7000];
 
 /// Likelihood ratio, one target against two, of two equal replies of this kind.
 pub(super) fn rarity(kind: IdentityKind, reply: &Identities, settings: &Settings) -> f64 {

@@ -31,8 +31,9 @@ const CONTRAST_LASTING: f64 = 2.4;
 /// Number of sigmas by which errors must be correlated before this is used.
 const SURE_LASTING: f64 = 3.0;
 /// Share of an innovation by which a track usually moves: the effect of correlated noise on a track depends
-/// on it.
+/// on it. It is 0 for tracks that are smoothed over many plots.
 const GAIN: f64 = 0.3;
+pub(super) const SMOOTHING: f64 = 0.0;
 /// Ratio of the estimated to the stated noise above which a recording is tracked again.
 const DIFFERENT: f64 = 1.1;
 /// Largest correlation from scan to scan.
@@ -71,15 +72,15 @@ impl Lasting {
 }
 
 /// Ratio of two variances: of white noise, independent from scan to scan, that has the same effect on a track
-/// as the estimated noise, and of the stated noise. It is 1 unless it is significantly larger.
-fn factor(size: &Size, lasting: &Lasting) -> f64 {
+/// with this gain as the estimated noise, and of the stated noise. It is 1 unless it is significantly larger.
+fn factor(size: &Size, lasting: &Lasting, gain: f64) -> f64 {
     let variance = size.level.exp();
     match lasting.correlation() {
         _ if size.count < ENOUGH => 1.0,
         Some([least, most]) => {
             // the stated noise is believed as far as the likely correlations allow
             let own = correlation(|r| -third_of(r), -variance).clamp(least, most);
-            let kept = own * (1.0 - GAIN);
+            let kept = own * (1.0 - gain);
             (variance / third_of(own) * (1.0 + kept) / (1.0 - kept)).max(1.0)
         }
         None => (variance * (-SURE * SPREAD / size.count.sqrt()).exp()).max(1.0),
@@ -248,8 +249,10 @@ impl Noise {
         if let Some(age) = self.reports.age(track, plot.time) {
             self.interval.saw(age);
         }
-        if let Some(noise) = plot.source.placed().filter(|_| settings.radars[plot.radar].extent == 0.0) {
-            let stated = 0.5 * (noise.xx + noise.yy) / settings.quality(plot.radar).ratio;
+        if let Some(noise) =
+            plot.source.placed().filter(|_| settings.radars[plot.radar].extent == 0.0)
+        {
+            let stated = noise.scaled(1.0 / settings.quality(plot.radar).ratio);
             self.reports.saw(track, plot, stated);
         }
     }
@@ -264,7 +267,9 @@ impl Noise {
         let is_noisier = |(found, stated): (f64, f64)| found > DIFFERENT * stated;
         let Quality { ratio, clock, .. } = self.quality();
         let is_other = ratio > DIFFERENT * DIFFERENT || clock > 0.0;
-        is_other || self.interval.is_shorter() || self.found().into_iter().zip(self.stated).any(is_noisier)
+        is_other
+            || self.interval.is_shorter()
+            || self.found().into_iter().zip(self.stated).any(is_noisier)
     }
 
     /// Noise factor of both coordinates together, estimated over stated sigma; nan before there are enough
@@ -274,7 +279,7 @@ impl Noise {
             return ratio.sqrt();
         }
         let [along, across] = self.sizes.map(|size| {
-            let (factor, own) = (factor(&size, &self.lasting), size.level.exp());
+            let (factor, own) = (factor(&size, &self.lasting, GAIN), size.level.exp());
             if factor > 1.0 { factor.max(own) } else { own }
         });
         let is_known = self.sizes[0].count >= ENOUGH;
@@ -284,7 +289,7 @@ impl Noise {
     /// Returns the standard deviations of range and azimuth for tracking: the `assumed` ones, or the
     /// estimated ones if these are larger.
     pub fn use_with(&mut self, assumed: [f64; 2]) -> [f64; 2] {
-        let factors = self.factors();
+        let factors = self.factors(GAIN);
         self.used = [0, 1].map(|i| {
             let factor = factors[i];
             if factor > 1.0 { assumed[i].max(factor.sqrt() * self.stated[i]) } else { assumed[i] }
@@ -295,13 +300,13 @@ impl Noise {
     /// Estimated standard deviations of range and azimuth for tracking; 0 unless they are significantly
     /// larger than stated.
     pub fn found(&self) -> [f64; 2] {
-        let factors = self.factors();
+        let factors = self.factors(GAIN);
         [0, 1].map(|i| if factors[i] > 1.0 { factors[i].sqrt() * self.stated[i] } else { 0.0 })
     }
 
-    /// Ratios of estimated to stated variances, along and across the beam.
-    fn factors(&self) -> [f64; 2] {
-        self.sizes.map(|size| factor(&size, &self.lasting))
+    /// Ratios of estimated to stated variances, along and across the beam, for tracks with this gain.
+    pub fn factors(&self, gain: f64) -> [f64; 2] {
+        self.sizes.map(|size| factor(&size, &self.lasting, gain))
     }
 }
 
@@ -311,7 +316,7 @@ pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 
     let found: Vec<_> = noise.iter_mut().zip(&assumed).map(|(n, own)| n.use_with(*own)).collect();
     for ((radar, noise), own) in radars.iter_mut().zip(&*noise).zip(&assumed) {
         if let Some(ways) = &mut radar.ways {
-            ways.assume(*own, noise.stated, noise.factors());
+            ways.assume(*own, noise.stated, noise.factors(GAIN));
         }
     }
     assume(radars, &found);

@@ -1,0 +1,87 @@
+//! Covariances of the plots of tracks with the noise that the plots themselves show.
+
+use crate::base::plane::Plane;
+use crate::tracker::noise::{Noise, SMOOTHING};
+use crate::tracker::plot::{Measured, Source};
+use crate::tracker::settings::Settings;
+
+/// A plot of a track in the plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedPlot {
+    /// Number of the track.
+    pub track: u64,
+    /// Index of the sensor.
+    pub sensor: usize,
+    /// Time, s.
+    pub time: f64,
+    /// East and north, m.
+    pub position: [f64; 2],
+    /// Covariance by the stated noise, m².
+    pub covariance: Plane,
+    /// Velocity of the target, m/s.
+    pub velocity: [f64; 2],
+}
+
+/// Returns the covariance of each plot by the noise that the plots show, if this is larger than the stated
+/// noise, and the part of it that successive plots have in common. The plots are in the order of time.
+///
+/// Cost O(plots).
+pub fn shown_covariances(settings: &Settings, plots: &[PlacedPlot]) -> Vec<[Plane; 2]> {
+    let mut noise: Vec<Noise> = settings.radars.iter().map(Noise::new).collect();
+    for plot in plots {
+        let &PlacedPlot { track, sensor: radar, time, position, covariance, .. } = plot;
+        let is_report = settings.geometry(radar).is_position();
+        let source = if is_report { Source::Placed(covariance) } else { Source::Polar };
+        let measured = Measured { time, radar, position, source, ..Measured::default() };
+        noise[radar].saw(track, &measured, settings);
+    }
+    plots.iter().map(|plot| shown(plot, &noise[plot.sensor], settings)).collect()
+}
+
+fn shown(plot: &PlacedPlot, noise: &Noise, settings: &Settings) -> [Plane; 2] {
+    let (quality, [along, across]) = (noise.quality(), noise.factors(SMOOTHING));
+    let origin = settings.radars[plot.sensor].position;
+    let away = [0, 1].map(|i| plot.position[i] - origin[i]);
+    let own = if settings.geometry(plot.sensor).is_position() {
+        plot.covariance.scaled(quality.ratio)
+    } else {
+        stretched(plot.covariance, away, [along.sqrt(), across.sqrt()])
+    };
+    let [u, v] = plot.velocity;
+    let moved = Plane { xx: u * u, xy: u * v, yy: v * v };
+    [own.plus(moved.scaled(quality.clock)), moved.scaled(quality.lasting)]
+}
+
+/// The covariance of errors that are multiplied by these factors along and across a direction.
+fn stretched(covariance: Plane, direction: [f64; 2], [along, across]: [f64; 2]) -> Plane {
+    let length = direction[0].hypot(direction[1]);
+    let [e, n] = direction.map(|x| x / length);
+    let Plane { xx, xy, yy } = covariance;
+    let both = ((yy - xx) * e * n + xy * (e * e - n * n)) * along * across;
+    let own = covariance.form([e, n]) * along * along;
+    let other = covariance.form([n, -e]) * across * across;
+    Plane {
+        xx: own * e * e + other * n * n - 2.0 * both * e * n,
+        xy: (own - other) * e * n + both * (e * e - n * n),
+        yy: own * n * n + other * e * e + 2.0 * both * e * n,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    #[test]
+    fn errors_are_multiplied_along_and_across() {
+        let plane = Plane { xx: 5.0, xy: -1.0, yy: 3.0 };
+        let same = stretched(plane, [0.6, 0.8], [1.0, 1.0]);
+        assert_within(1e-14, same.xx, 5.0);
+        assert_within(1e-14, same.xy, -1.0);
+        assert_within(1e-14, same.yy, 3.0);
+        let more = stretched(plane, [3.0, 4.0], [2.0, 3.0]);
+        assert_within(1e-14, more.form([0.6, 0.8]), 4.0 * plane.form([0.6, 0.8]));
+        assert_within(1e-14, more.form([0.8, -0.6]), 9.0 * plane.form([0.8, -0.6]));
+        assert_within(1e-14, more.determinant(), 36.0 * plane.determinant());
+    }
+}
