@@ -277,7 +277,8 @@ def test_tracks_of_one_identity_are_joined():
     assert np.max(between.gap) >= 45.0
     # which many targets have
     visual = Plots(time, named.range, named.azimuth, mode_3a=0o7000)
-    assert len(np.unique(smooth_tracks(visual, [RADAR], tracks).track)) == 2
+    visual_tracks = track(visual, [RADAR])
+    assert len(np.unique(smooth_tracks(visual, [RADAR], visual_tracks).track)) == 2
     nobody = Plots(time, named.range, named.azimuth)
     apart = smooth_tracks(nobody, [RADAR], track(nobody, [RADAR]))
     assert len(np.unique(apart.track)) == 2

@@ -51,10 +51,10 @@ fn block(plots: &[TrackPlot], lifts: &[[f64; 2]]) -> Option<[f64; 2]> {
     let solved = normal.cholesky()?.solve(&right);
     let left = squares - right.transpose() * solved;
     let (score, information) = (left[(0, 1)], left[(1, 1)]);
-    if !(information > 0.0) {
+    let freedom = (2 * plots.len()).checked_sub(MOTION + 1).filter(|free| *free > 0)?;
+    if information.is_nan() || information <= 0.0 {
         return None;
     }
-    let freedom = (2 * plots.len()).checked_sub(MOTION + 1).filter(|free| *free > 0)?;
     let factor = ((left[(0, 0)] - score * score / information) / freedom as f64).max(1.0);
     Some([score / factor, information / factor])
 }
