@@ -460,7 +460,7 @@ def test_an_unknown_speed_stretches_ranges():
 
 def test_wrong_sigmas_of_the_speed():
     places = [[0, 0], [1000, 0], [2000, 0], [0, 2000], [2000, 2000]]
-    with pytest.raises(ValueError, match="propagation_speed_sigma is given; it is for times of"):
+    with pytest.raises(ValueError, match="propagation_speed_sigma needs times of arrival"):
         locate(places, azimuth=np.zeros(5), azimuth_sigma=0.1, propagation_speed_sigma=1.0)
     for sigma, message in ((-1.0, "0 or positive"), (100.0, "it must be at most 20%")):
         with pytest.raises(ValueError, match=message):

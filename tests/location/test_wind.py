@@ -165,8 +165,8 @@ def test_a_wind_in_tables():
     [
         ({"wind_sigma": -1.0}, "wind_sigma is -1.0; it must be 0 or positive"),
         ({"wind_sigma": 40.0}, "wind_sigma is 40 m/s and propagation_speed 340 m/s; wind_sigma"),
-        ({"azimuth": np.zeros(5), "azimuth_sigma": 0.1}, "wind_sigma is given; it is for times of"),
-        ({"arrival_time_sigma": None}, "wind_sigma is given; then arrival_time_sigma must be, too"),
+        ({"azimuth": np.zeros(5), "azimuth_sigma": 0.1}, "wind_sigma needs times of arrival alone"),
+        ({"arrival_time_sigma": None}, "wind_sigma needs arrival_time_sigma, or stations"),
     ],
 )
 def test_wrong_winds(options, message):

@@ -211,7 +211,7 @@ def test_azimuths_relative_to_the_bow_of_a_ship():
     # without the heading few of them fit
     lost = track(Plots(**columns, azimuth=azimuth), [GPS, CAMERA])
     assert np.sum(lost.sensor == 1) < 0.2 * np.sum(straight.sensor == 1)
-    with pytest.raises(ValueError, match=r"^plots.sensor_heading\[0\] is that of sensors\[0\]"):
+    with pytest.raises(ValueError, match=r"^plots.sensor_heading\[0\] belongs to sensors\[0\]"):
         track(Plots([0.0], position=[[0.0, 0.0]], sensor_heading=[1.0]), [GPS, CAMERA])
     with pytest.raises(ValueError, match=r"^sensor_heading.*degrees\?"):
         Plots([0.0], azimuth=1.0, sensor_heading=[180.0])

@@ -343,7 +343,7 @@ def test_what_cannot_be_a_velocity_is_refused():
         Plots([0.0], position=[[1.0, 2.0]], velocity_covariance=np.eye(2)[np.newaxis])
     nan = [[np.nan, np.nan]]
     plots = Plots([0.0], 1e4, 0.0, sensor=1, position=nan, velocity=[[1.0, 2.0]])
-    with pytest.raises(ValueError, match=r"^plots.velocity\[0\] is that of sensors\[1\], which"):
+    with pytest.raises(ValueError, match=r"^plots.velocity\[0\] belongs to sensors\[1\], which"):
         track(plots, [sensor, radar], registration=False)
     # without a covariance or a sigma it is not used
     time = np.arange(10.0)

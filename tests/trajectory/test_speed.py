@@ -69,7 +69,7 @@ def test_the_speed_is_as_stated_by_default_unless_it_is_contradicted():
 
 def test_speeds_that_cannot_be_estimated_are_refused():
     places, _, travel, _ = scene(0)
-    with pytest.raises(ValueError, match="propagation_speed_sigma is given; it is for times"):
+    with pytest.raises(ValueError, match="propagation_speed_sigma needs times of arrival"):
         reconstruct(
             [Station(place, azimuth_sigma=0.01) for place in places],
             TIME,

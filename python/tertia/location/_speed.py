@@ -75,8 +75,8 @@ def read_speed(
     require_each(width, width >= 0, "propagation_speed_sigma", "0 or positive")
     if width > 0 and not travels:
         raise ValueError(
-            "propagation_speed_sigma is given; it is for times of arrival, ranges and range "
-            "differences"
+            "propagation_speed_sigma needs times of arrival, ranges or range differences; none was "
+            "given"
         )
     relative = float(width) / float(np.mean(stated)) if width > 0 else 0.0
     if relative > _LARGEST:

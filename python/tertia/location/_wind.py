@@ -68,12 +68,14 @@ def _read_wind(sigma: float, speed: FloatArray, kinds: Collection[Kind], *, unkn
         return Wind(np.nan, 0.0)
     stated = float(np.mean(speed))
     if set(kinds) != {"arrival_time"}:
-        raise ValueError("wind_sigma is given; it is for times of arrival alone")
+        raise ValueError(
+            "wind_sigma needs times of arrival alone; measurements of other kinds were given"
+        )
     if unknown:
-        raise ValueError("wind_sigma is given; then arrival_time_sigma must be, too")
+        raise ValueError("wind_sigma needs arrival_time_sigma, or stations that have one")
     if width > _LARGEST * stated:
         raise ValueError(
             f"wind_sigma is {width:g} m/s and propagation_speed {stated:g} m/s; wind_sigma "
-            f"must be at most {_LARGEST:.0%} of it"
+            f"must be at most {_LARGEST:.0%} of propagation_speed"
         )
     return Wind(stated, float(width) / stated)

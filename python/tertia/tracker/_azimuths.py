@@ -91,8 +91,8 @@ def _require_stations(name: str, wrong: BoolArray, sensor: IntArray) -> None:
     """Raise an error if any of these plots has a property that only plots of a Station can have."""
     for at in np.flatnonzero(wrong)[:1]:
         raise ValueError(
-            f"plots.{name}[{at}] is that of sensors[{sensor[at]}], which is not a Station: give "
-            "plots of other moving sensors as positions, of a PositionSensor"
+            f"plots.{name}[{at}] belongs to sensors[{sensor[at]}], which is not a Station; pass "
+            "plots of other moving sensors as positions of a PositionSensor"
         )
 
 

@@ -87,8 +87,8 @@ def check_plots(plots: Plots, sensors: Sequence[Sensor]) -> None:
     if len(wrong):
         at, sensor = wrong[0], plots.sensor[wrong[0]]
         raise ValueError(
-            f"plots.velocity[{at}] is that of sensors[{sensor}], which is not a PositionSensor: "
-            "only velocities that come with positions are used; it must be nan"
+            f"plots.velocity[{at}] belongs to sensors[{sensor}], which is not a PositionSensor; it "
+            "must be nan, because only velocities that come with positions are used"
         )
 
 
