@@ -181,10 +181,9 @@ def estimate_bearing(
         appear. An error that all groups share, such as a misaligned north, has no effect on their
         differences. Groups are allowed only with the method "robust".
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
-        "robust": the mean of the results under several hypotheses, weighted by the likelihoods of
-        the hypotheses. These are that there are no outliers, that there are outliers on one side,
-        that there are outliers on both sides, and that the outliers have a wide distribution about
-        the good measurements. Outliers may be isolated or in bursts.
+        "robust": the mean of the results under several hypotheses, weighted by their likelihoods:
+        no outliers; outliers on one side; outliers on both sides; outliers with a wide distribution
+        about the good measurements. Outliers may be isolated or in bursts.
         "paper": the algorithm as printed. It screens the measurements by leaving one out at a time,
         replaces blocks with an outlying mean or variance, weights block j by 1/d_j, where d_j is
         its variance, and computes sigma by (M7). This sigma is not the standard deviation of the
@@ -216,9 +215,8 @@ def estimate_bearing(
     rounding : float
         Step to which the measurements were rounded, in their unit. If it is 0, the step is unknown,
         and the method "robust" estimates it from equal measurements; if `sigma` is given, only
-        steps of up to four sigmas are recognised, so that larger ones must be given. If the noise
-        is smaller than the step, the sigma of the bearing is at least the standard deviation of the
-        rounding error.
+        steps of up to four sigmas are recognised; state larger steps. If the noise is smaller than
+        the step, the sigma of the bearing is at least the standard deviation of the rounding error.
     nan_policy : {"raise", "omit"}
         How to treat nan. With "raise", nan is an error. With "omit", nan means 'no measurement',
         and the blocks are formed from the remaining measurements.

@@ -410,11 +410,11 @@ def smooth(
     component that is not determined is inf.
 
     The noise is assumed to be white and as large as stated unless the innovations contradict this.
-    If they do, several models of the noise, each with its own jerk, are compared by their
-    likelihoods. In one model the noise is white and larger than stated. In the others, a fraction
-    of 0.6 or 0.95 of its variance is that of a Gauss-Markov process with one of seven correlation
-    times. The results of the models are averaged, and the spread between them is part of the
-    covariance. If velocities are measured, outliers are first searched for among the positions;
+    If they do, the results of several models of the noise, each with its own jerk, are averaged,
+    weighted by the likelihoods of the models; the spread between the results is part of the
+    covariance. In one model the noise is white and larger than stated. In the others, a fraction of
+    0.6 or 0.95 of its variance is that of a Gauss-Markov process with one of seven correlation
+    times. If velocities are measured, outliers are first searched for among the positions;
     velocities that contradict the remaining positions are left out. The other velocities may be
     less precise than stated or correlated in time, or may lag behind the positions.
 

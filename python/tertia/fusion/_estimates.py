@@ -45,8 +45,8 @@ class FusedEstimate(Result):
         Covariance of the fused estimate if the given covariances are correct; for
         "covariance-intersection" it is an upper bound of this covariance. Variances are infinite if
         no sensor has an estimate. If systematic errors are estimated, or `n` is given, the error is
-        not normal; the covariance is then such that an interval of two sigmas contains a component
-        with a probability of 95.45 %.
+        not normal; the covariance is then such that an interval of two sigmas contains the true
+        value of a component with a probability of 95.45 %.
     weights : ndarray of shape (..., K, m, m)
         Weight matrices of the estimates; their sum is the identity, and they are 0 for sensors
         without an estimate. In a result of `fuse_scalar`, it is the gain of the scalar, of shape
@@ -212,10 +212,11 @@ def fuse(
     strongly on the prior, and an interval of two sigmas is at least 2.5 times as wide as if there
     were no systematic errors.
 
-    If `n` is given, an interval of two sigmas also contains a component with a probability of 95.45
-    %. For one estimate, the interval is computed from Student's distribution. For several
-    estimates, it is computed by a simulation with a fixed seed, in which the estimated covariances
-    are treated as the true ones. The simulation takes some milliseconds per element of the batch.
+    If `n` is given, the covariance is such that an interval of two sigmas contains the true value
+    of a component with a probability of 95.45 %. For one estimate, the interval is computed from
+    Student's distribution. For several estimates, it is computed by a simulation with a fixed seed,
+    in which the estimated covariances are treated as the true ones. The simulation takes some
+    milliseconds per element of the batch.
 
     Examples
     --------

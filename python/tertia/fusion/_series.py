@@ -162,8 +162,8 @@ def fuse_series(
         Standard deviation of a constant systematic error of each radar. 0: the radar has none. inf:
         nothing is known about it; this is not allowed for all radars at once. The errors are
         estimated from the plots of all steps and subtracted, and their remaining uncertainty is
-        part of the covariance. If no radar has a `bias_sigma` of 0, most of the mean error of all
-        radars remains unknown.
+        part of the covariance. Unless one radar has a `bias_sigma` of 0, most of the error common
+        to all radars remains unknown.
     method : str
         "robust": one filter uses all plots, and detects wrongly stated noise, outliers and
         manoeuvres.
@@ -213,9 +213,9 @@ def fuse_series(
         "printed": its correction is zero, as in the source, which gives it all the weight.
     third_filter : SingerModel, optional
         Only for "paper": a motion model with which the fused angle is filtered again, as in the
-        source. The noise of this third filter has the mean of the variances of the K radars,
-        divided by K. The covariance is then that of the third filter, which treats correlated
-        errors as white noise.
+        source. Its noise variance is the mean of the stated variances of the K radars, divided by
+        K. The covariance is then that of the third filter, which treats correlated errors as white
+        noise.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -244,12 +244,13 @@ def fuse_series(
     of the radars' own filters.
 
     Repeated plots ("robust", "adaptive", "adaptive-matrix"): a radar that is stuck gives the same
-    number again. Noise of the standard deviation s that is recorded in steps of d does so with a
-    chance of at most `d / (2 sqrt(pi) s)`; s is taken as half of the stated one, and d as the
-    smallest difference of two successive plots of the radar so far. Whether the radar is stuck is a
-    Markov chain, in which it sticks with `change_probability` and a different plot shows that it
-    works. Plots that are more probably repetitions than measurements are left out. If the chance is
-    above 1/4, repetitions are attributed to rounding.
+    number again. A radar that works, with noise of standard deviation s that is recorded in steps
+    of d, repeats a number with a probability of at most `d / (2 sqrt(pi) s)`; s is taken as half of
+    the stated value, and d as the smallest difference of two plots of the radar so far. Whether the
+    radar is stuck is modelled as a Markov chain: it gets stuck with the probability
+    `change_probability`, and a plot that differs shows that it works. Plots that are more probably
+    repetitions than measurements are left out. If the probability above exceeds 1/4, repetitions
+    are attributed to rounding.
 
     "adaptive": the filter of each radar uses the noise as stated. If the innovations of a radar are
     larger than expected and larger than the median of the other radars, its noise and the

@@ -107,11 +107,12 @@ def locate(
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
         Systematic errors that replace those of the stations: the same for all stations, or one for
-        each of K. Their values are subtracted, and their sigmas are part of the covariance; if an
-        azimuth bias deviates with the direction, as after `registration.calibrate`, those at the
-        measured azimuths. With `Bias()` there are no systematic errors. If neither the call nor the
-        stations state a bias, sigmas are increased as much as inconsistencies between the stations
-        require; without inconsistencies they are not increased (see Notes).
+        each of K. Their values are subtracted, and their sigmas are part of the covariance. If an
+        azimuth bias depends on the direction, as after `registration.calibrate`, its value and
+        sigma at the measured azimuth are used. With `Bias()` there are no systematic errors. If
+        neither the call nor the stations state a bias, sigmas are increased as much as
+        inconsistencies between the stations require; without inconsistencies they are not increased
+        (see Notes).
     range_difference_correlation : float
         Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other
@@ -123,10 +124,10 @@ def locate(
         Standard deviation of the speed, whose error is the same at all instants of the call. Sound
         in air is 1 % faster if it is 6 °C warmer. The speed is then estimated with the positions,
         from times of arrival, ranges and range differences, all of which the given speed converts
-        to distances; the covariance includes the error of the speed. By default, the speed of sound
-        (up to 100 km/s) is estimated, with a standard deviation of 2 %, if the method is "robust"
-        and the measurements of several instants clearly contradict it; otherwise the speed is
-        taken as exact, as with 0.
+        to distances; the covariance includes the error of the speed. By default, the speed is taken
+        as exact, as with 0, with one exception: a speed of at most 100 km/s, as of sound, is
+        estimated with a standard deviation of 2 % if the method is "robust" and the measurements of
+        several instants clearly contradict it.
     wind_sigma : float
         Standard deviation of each horizontal component of a wind that carries the signals, in
         metres per second, such as 5 for sound in the open. The wind is the same at all instants of
@@ -138,9 +139,9 @@ def locate(
         if they are correlated.
     height, height_sigma : array_like of shape (...), optional
         Last coordinate of the target in metres and its standard deviation, only if D = 3. A given
-        height is used like the other measurements. Azimuths alone do not determine the height: if
-        `height` is missing, up is nan with an infinite variance at instants with nothing else, and
-        east and north are estimated in the plane.
+        height is used like the other measurements. Azimuths alone do not determine the height: at
+        an instant with azimuths only and no `height`, up is nan with an infinite variance, and east
+        and north are estimated in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
         "robust": Tukey's biweight is used if there are at least `redundancy` degrees of freedom,
         otherwise least squares. "least-squares": least squares are always used. The other methods
@@ -157,10 +158,10 @@ def locate(
         common standard deviation is estimated from the whole batch.
     redundancy : int, optional
         Smallest number of degrees of freedom at which outliers are searched for; by default it is 2
-        if there are times of arrival, and 3 otherwise. With one degree of freedom, it cannot be
-        decided which measurement is faulty. With two, this can rarely be decided for angles and
-        ranges. If such instants of a batch measure no angles and have outliers, the covariance
-        allows for each of the possibilities.
+        if there are times of arrival, and 3 otherwise. With one degree of freedom, the faulty
+        measurement cannot be identified; with two, this is rarely possible for angles and ranges.
+        If such instants of a batch have outliers and no angles, the covariance allows for each
+        measurement that may be the faulty one.
     initial : array_like of shape (..., D), optional
         A position near the target. If several positions fit the measurements, it determines which
         of them is returned.

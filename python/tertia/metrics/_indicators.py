@@ -203,9 +203,9 @@ def indicators(
     evaluated from its first update to the end of its truth. A gap of `dt` between two updates has
     `round(dt / update_interval)` expected updates, one of which took place. From the last update to
     the end of the truth, `floor(dt / update_interval + 0.1)` updates are missed. A target without
-    any update misses all updates from its first time on. Updates are summed over all targets, so
-    every expected update has the same weight. The time before the first update is not evaluated;
-    `latency` states it.
+    any update misses all updates from the first time of its truth on. Updates are summed over all
+    targets, so every expected update has the same weight. The time before the first update is not
+    evaluated; `latency` states it.
 
     A height is wrong if it is off by more than 300 ft. A run consists of at least three updates of
     a target, each farther off than `large_error`, whose directions change by less than 90 degrees

@@ -95,7 +95,7 @@ def register(
     distribution: the plots of a single radar contain no information on its errors, and a clock
     error that all radars share cannot be estimated.
 
-    If the errors of single targets last, as those of transponders, the blocks of a target agree
+    If the errors of a target persist, as those of its transponder do, the blocks of a target agree
     with each other more than independent ones would. The information of all blocks is then divided
     by the ratio of the squared sums of scores of each target to their expected value, as in
     cluster-robust standard errors (Liang, Zeger 1986), and the noise is not assumed to be smaller

@@ -85,14 +85,14 @@ def make(
 ) -> Report:
     """Make a page about a recording.
 
-    The page shows the tracks from the plots of all radars together, made as by `tertia.tracker`:
+    The page shows the tracks that `tertia.tracker` makes from the plots of all radars together;
     with two radars or more, their systematic errors are estimated and subtracted. It also shows the
-    tracks from the plots of each single radar, which are fused at common instants. The page shows
-    the noise and the biases of the radars as estimated by `tertia.registration`, updates and
-    outliers over time, and the conformance of tracks to flight plans. All tracks are compared with
-    the truth if it is given; otherwise the tracks of each radar are compared with smoothed tracks
-    from the plots of all other radars (`tracker.smooth_tracks`). Finally, the page shows the
-    positions of emitters as estimated from bearings, or their paths if they move.
+    tracks of each radar alone, fused at common instants. The page shows the noise and the biases of
+    the radars as estimated by `tertia.registration`, updates and outliers over time, and the
+    conformance of tracks to flight plans. All tracks are compared with the truth if it is given;
+    otherwise the tracks of each radar are compared with smoothed tracks from the plots of all other
+    radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as estimated
+    from bearings, or their paths if they move.
 
     Parameters
     ----------

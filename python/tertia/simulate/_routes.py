@@ -246,7 +246,7 @@ def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> 
 
 
 def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Return a route with a turn that begins at its waypoint; it leaves the plan before that."""
+    """Return a route that turns only at its waypoint; it leaves the plan where the turn is due."""
     turn = int(random.integers(1, len(plan) - 1))
     place = plan.waypoints[turn]
     begin = place - plan.leads[turn - 1] * plan.along[turn - 1]

@@ -411,10 +411,11 @@ def _joined(tracks: TrackTable, radars: Sequence[_Sensor]) -> IntArray:
 
 
 def _changes(seen: TrackTable, radars: Sequence[_Sensor]) -> list[tuple[int, int]]:
-    """Return pairs of tracks of which the second continues the first; `seen` has one identity.
+    """Return pairs of tracks in which the second track continues the first.
 
-    Two tracks are of two targets if one radar has plots of both in one scan. Two tracks of one
-    target may receive its plots alternately for some scans.
+    `seen` has rows of one identity. Two tracks belong to different targets if one radar has plots
+    of both in the same scan. Two tracks of one target may receive its plots alternately for some
+    scans.
     """
     for sensor in np.unique(seen.sensor):
         own = seen[seen.sensor == sensor]

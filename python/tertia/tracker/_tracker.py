@@ -87,7 +87,7 @@ class Tracker:
         Probability that the plot of a target is within its gate.
     guard_acceleration : float, optional
         Largest acceleration in m/s² that is considered possible for a target whose gate is empty.
-        The default is 5, but 12 (scans of 4 s) to 7 (scans of 10 s) with the motion "window".
+        Default: 5; with the motion "window", from 12 (scans of 4 s or less) to 7 (10 s or more).
     identity_error_probability : float
         Probability that an `identity` is wrong. An `icao_address` is wrong with a probability of
         1e-9, a `callsign` of 1e-6, and a `mode_3a` of 1e-3.
@@ -110,8 +110,8 @@ class Tracker:
         error except a delay. `Tracker.bias` contains the current estimate; the covariances of the
         tracks include its uncertainty. Errors several times as large as their limits are found from
         the first three or seven scans; the tracks then start anew, with new numbers, and in the
-        first three scans no rows are returned. An earlier `Registration` gives its noise, and the
-        errors at its end, from which the estimation goes on.
+        first three scans no rows are returned. If an earlier `Registration` is given, its noise is
+        used, and the estimation continues from its last errors.
     n_threads : int, optional
         Number of threads for scans with over a thousand plots per thread; by default all cores.
 
@@ -401,7 +401,7 @@ class Tracker:
         return number
 
     def replace_plan(self, number: int, plan: FlightPlan) -> None:
-        """Replace a flight plan by another, for example if an aircraft is cleared for a new route.
+        """Replace a flight plan with another, for example after a clearance for a new route.
 
         A track that has the plan is assigned the new plan, beginning with its nearest leg, unless
         the identities of the plans differ. If the two plans differ only in their times, nothing

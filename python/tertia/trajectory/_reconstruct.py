@@ -153,17 +153,17 @@ def reconstruct(
     window, degree
         Parameters of `tertia.smoothing.local_polynomial`, for "local-polynomial" only.
     jerk : float, optional
-        Intensity of the white jerk for "rts" in m²/s⁵. By default it is estimated whether white
-        jerk or white acceleration drives the motion, and with which intensity (see
-        `tertia.smoothing.smooth`). With "temporal-first" the intensity is always estimated.
+        Intensity of the white jerk for "rts" in m²/s⁵. By default, both the driving noise (white
+        jerk or white acceleration) and its intensity are estimated (see `tertia.smoothing.smooth`).
+        With "temporal-first" the intensity is always estimated.
     bias : Bias, optional
         Systematic errors that replace those of the stations; `Bias()` means that there are none. If
         it is missing, or if a sigma is None, the systematic errors are estimated from
         inconsistencies between the stations. Sigmas other than 0 require "spatial-first" and "rts".
         A finite sigma is that of an error that all instants share. A sigma of inf, which must be
         given for all stations or for none, means that the bias is constant and unknown. If the
-        measurements do not determine such a bias, an error is raised.
-        `time` and its sigma are those of the clocks of ranges and angles as well (see Notes).
+        measurements do not determine such a bias, an error is raised. `bias.time` and its sigma
+        also apply to the clocks of ranges and angles (see Notes).
     initial : array_like of shape (D,), optional
         A position near the target at the first instant. If two paths that are mirror images of each
         other fit the measurements, the path on its side of the stations is returned (see Notes).
@@ -203,11 +203,11 @@ def reconstruct(
     measurement is the probability that it is good. The variances of good measurements and of
     outliers, and the proportion of outliers, are those that maximise the likelihood. They are found
     by expectation maximisation, in which the noise decreases from the size of the residuals of the
-    first track to the stated noise. Measurements that repeat the one before, and stations that
-    contradict all others throughout by changing errors, are left out before. If the errors of
-    ranges clearly grow with the range, so do the sigmas that are used (`relative_range_sigma`). The
-    covariance is the mean of those for different intensities q of the jerk, weighted by the
-    likelihood of q and by a prior density of log q that is proportional to q^(1/4).
+    first track to the stated noise. Repeated measurements are removed first, as are stations whose
+    varying errors contradict all the others throughout. If the errors of ranges clearly grow with
+    the range, so do the sigmas that are used (`relative_range_sigma`). The covariance is the mean
+    of those for different intensities q of the jerk, weighted by the likelihood of q and by a prior
+    density of log q that is proportional to q^(1/4).
 
     **Systematic errors.** The measurements of one kind by a station have an error c + g(t), where c
     is constant and g is a Gauss-Markov process. To first order this error adds A_t (c + g) to the
@@ -233,10 +233,10 @@ def reconstruct(
     therefore used relative to their common part, which is the weighted median of the arrivals that
     are not late.
 
-    **Clocks.** A measurement of a clock that is fast by `bias.time` is taken to the instant nearest
-    to its true time, and corrected along the path for the rest; `time_sigma` is the prior of a
-    constant error. An error of all clocks moves the path along itself; the covariance has it to
-    first order. With times of arrival, errors of clocks are errors of these times alone.
+    **Clocks.** A measurement by a clock that is fast by `bias.time` is assigned to the instant
+    nearest to its true time, and corrected along the path for the rest; `time_sigma` is the sigma
+    of a constant error. An error of all clocks moves the path along itself; the covariance includes
+    it to first order. With times of arrival, errors of clocks are errors of these times alone.
 
     If the sigma of a bias is inf, c is estimated with Tukey's weights, computed from residuals
     about the track. The covariance of c is A^-1 B A^-1, where A is the derivative of the scores and
@@ -251,23 +251,23 @@ def reconstruct(
     the path follows them. With heights, only a vertical plane of stations leaves two mirror images.
 
     **Mirror images.** If all stations lie in a plane, or on a line if D = 2, then their ranges,
-    range differences and times of arrival are the same for a target and its mirror image.
-    Azimuths are also the same if the plane is horizontal. The whole path is kept on one side of
-    the plane: on the side of `initial`, or above the stations, unless the stations are only near
-    the plane and the path below them is so much more likely that it would be preferred at prior
-    odds of one to a thousand. In this comparison, each station may have a constant error of the
-    stated size, unless its bias is given as 0. If the two paths cannot be distinguished and
-    `initial` is missing, a warning is given, and `mirror_image` contains the other path. If neither
-    is above the stations, as with D = 2, an error is raised. With `initial`, such a path crosses
-    the plane where its marginal likelihood is then larger than that of a path that turns back; a
-    warning is given if the two differ by less than a factor of 400. Near the plane, the square of
-    the height h is measured, and the derivatives with respect to h are therefore taken at the
-    height ``sqrt(h^2 + V)``, where V is the variance of h.
+    range differences and times of arrival are the same for a target and its mirror image. Azimuths
+    are also the same if the plane is horizontal. The whole path is kept on one side of the plane:
+    on the side of `initial`, or else above the stations. If the stations are only near the plane
+    and `initial` is missing, both paths are compared; the path below the stations is returned if it
+    is more likely even at prior odds of one to a thousand. Each station may then have a constant
+    error of the stated size, unless its bias is given as 0. If the two paths cannot be
+    distinguished and `initial` is missing, a warning is given, and `mirror_image` contains the
+    other path. If neither is above the stations, as with D = 2, an error is raised. If `initial` is
+    given in this case, the path may cross the plane: it does so where this has a larger marginal
+    likelihood than turning back. A warning is given if the two likelihoods differ by less than a
+    factor of 400. Near the plane, the square of the height h is measured, and the derivatives with
+    respect to h are therefore taken at the height ``sqrt(h^2 + V)``, where V is the variance of h.
 
     With "temporal-first", the velocity is the product of A_t and the rates of the smoothed series.
 
-    The cost is O(N K). If systematic errors are estimated, a cost is added that hardly depends on
-    N, but rises with K² to K³: 40 stations with ranges, azimuths and elevations take about 20 s.
+    The cost is O(N K). Systematic errors add a cost of O(K²) to O(K³), nearly independent of N: 40
+    stations with ranges, azimuths and elevations take about 20 s.
 
     Examples
     --------

@@ -25,7 +25,7 @@ _MANY = 0.01
 
 
 def start(text: str | None, dimension: int) -> list[float] | None:
-    """Return the position of the option --initial."""
+    """Return the position given by --initial."""
     if text is None:
         return None
     try:
