@@ -132,18 +132,8 @@ HEADLINES = {
     "filter, 1,000 × 200, equal noise, all states, a step": (
         "three-state filter, 1000 tracks of 200 plots, all states kept, per step"
     ),
-    "a filter that is fed plot by plot, a step": (
-        "the same filter called plot by plot from Python, per step"
-    ),
-    "mask of 10,000,000, a value": "outlier mask of ten million values, per value",
     "locate, 4 stations in space, least-squares, 0% faults, an instant": (
         "position by least squares, sigmas as stated, per instant"
-    ),
-    "smooth, one axis, 10,000 instants, an instant": (
-        "smoother of one axis, noise as stated, per instant"
-    ),
-    "associate, 1,000 tracks and plots, far apart": (
-        "association of 1000 tracks and 1000 plots, far apart"
     ),
     "tracker, 4 crossing, 50 false plots a scan, 1 radar(s), 1 runs, a scan": (
         "tracking, one scan of four aircraft and fifty false plots"
