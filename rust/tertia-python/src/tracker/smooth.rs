@@ -111,7 +111,7 @@ pub fn shown_covariances<'py>(
 ) -> PyResult<Array<'py>> {
     let radars = sensors.0.iter().map(|radar| radar.0.clone()).collect();
     let mut settings = Settings::new(radars, core::Motion::Cv(1.0));
-    settings.geometry = sensors.1.iter().map(|geometry| geometry.0.clone()).collect();
+    settings.geometry = sensors.1.iter().map(|geometry| geometry.0).collect();
     let (track, sensor, values) =
         (track.as_slice()?, sensor.as_slice()?, plots.points::<8>("plots", 1)?);
     let is_known = |k: &i64| usize::try_from(*k).is_ok_and(|k| k < settings.radars.len());
