@@ -37,8 +37,9 @@ pub fn smooth_tracks<'py>(
     every: Option<f64>,
     n_threads: Threads,
 ) -> PyResult<(Integers<'py>, Array<'py>, Integers<'py>, Marks<'py>)> {
-    let movement = Movement::of(motion.core())
-        .ok_or_else(|| PyValueError::new_err("motion must be 'imm', 'cv', an ImmModel or a CvModel"))?;
+    let movement = Movement::of(motion.core()).ok_or_else(|| {
+        PyValueError::new_err("motion must be 'imm', 'cv', an ImmModel or a CvModel")
+    })?;
     let values = plots.points::<12>("plots", 1)?;
     let used = used.as_slice()?;
     let in_order = first.is_sorted() && first.last() == Some(&values.len());

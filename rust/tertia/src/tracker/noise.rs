@@ -7,7 +7,7 @@
 //! their contrast is nearly free of accelerations, too. The estimates do not depend on the filters, which use
 //! the estimated noise.
 
-use super::differences::{ENOUGH, SPREAD, SURE, Size, WINDOW};
+use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
 use super::quality::{Quality, Reports};
@@ -30,6 +30,12 @@ const CONTRAST: f64 = 3.0;
 const CONTRAST_LASTING: f64 = 2.4;
 /// Number of sigmas by which errors must be correlated before this is used.
 const SURE_LASTING: f64 = 3.0;
+/// Square of a second difference that only a manoeuvre causes, in the variances of third differences; that of
+/// errors is a third, whatever their correlation.
+const MANOEUVRE: f64 = 9.0 / 3.0;
+/// Mean product of the signs of successive second differences above which most of them are due to the motion:
+/// that of errors is -1/3 at the most, whatever their correlation.
+const AT_MOST: f64 = -0.1;
 /// Share of an innovation by which a track usually moves: the effect of correlated noise on a track depends
 /// on it. It is 0 for tracks that are smoothed over many plots.
 const GAIN: f64 = 0.3;
@@ -65,7 +71,7 @@ impl Lasting {
         let [one, two] = self.products;
         let contrast = (one - two) / (1.0 - two);
         let least = contrast_of(0.0) + SURE_LASTING * CONTRAST / root;
-        let is_sure = self.count > 2.0 * ENOUGH && contrast > least;
+        let is_sure = self.count > 2.0 * ENOUGH && contrast > least && one < AT_MOST;
         let within = SURE * CONTRAST_LASTING / root;
         is_sure.then(|| [-within, within].map(|off| correlation(contrast_of, contrast + off)))
     }
@@ -227,7 +233,8 @@ impl Noise {
                 let own = seconds.map(|second| second[i]);
                 if own.iter().all(|d| d.is_finite()) {
                     size.saw(own[0] - own[1]);
-                    if chain.count >= 4 {
+                    let most = MANOEUVRE * THIRD * size.level.exp();
+                    if chain.count >= 4 && own.iter().all(|d| d * d < most) {
                         self.lasting.saw(own);
                     }
                 }
@@ -351,7 +358,6 @@ mod tests {
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
     use crate::sensors::radar_of;
-    use crate::tracker::differences::THIRD;
     use crate::tracker::{ImmModel, Motion};
     use std::f64::consts::{FRAC_PI_2, TAU};
 

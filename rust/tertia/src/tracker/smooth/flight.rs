@@ -18,10 +18,12 @@ const SAME: f64 = 1.0;
 
 /// Sharpness of manoeuvres relative to usual ones, and the gain of the logarithm of the density of
 /// the plots from which manoeuvres are that sharp.
-const SHARPER: [f64; 2] = [2.0, 5.0];
+const SHARPER: [f64; 3] = [2.0, 5.0, 12.0];
 const CLEARLY: f64 = 5.0;
-/// Largest share of plots that are left out by chance.
+/// Largest share of plots that are left out by chance, and the share from which on the sharpest manoeuvres are
+/// tried even if sharper ones do not help.
 const CHANCE: f64 = 0.005;
+const MANY: f64 = 0.05;
 
 /// A plot of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,10 +160,11 @@ fn likeliest(
         let mut again = given.clone();
         let other = again.smooth(&movement.sharper(factor), wanted, guard);
         let value = other.log_density(guard);
-        if value < top + CLEARLY {
+        if value >= top + CLEARLY {
+            (*record, found, top) = (again, other, value);
+        } else if left_out as f64 <= MANY * given.used.len() as f64 {
             break;
         }
-        (*record, found, top) = (again, other, value);
     }
     found
 }
