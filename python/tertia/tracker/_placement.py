@@ -36,10 +36,11 @@ def placed(
     """Return positions, (N, 2), their covariances, and what the plots of a track have in common.
 
     `number`, `time` and `velocity`, (N, 2), are the track of each plot, its time, and the velocity
-    of the track. Covariances are those of the noise that the plots show, if it is larger than stated. A plot
-    without a height is at the height that follows from the other plots of its track. The height of
-    a track without any follows from the mean height of all plots and from the differences between
-    its radars; its error is the same for all plots, and is their common covariance.
+    of the track. Covariances are those of the noise that the plots show, if it is larger than
+    stated. A plot without a height is at the height that follows from the other plots of its track.
+    The height of a track without any follows from the mean height of all plots and from the
+    differences between its radars; its error is the same for all plots, and is their common
+    covariance.
     """
     position, covariance = reported(plots.position, plots.covariance, plots, sensors, "position")
     shared = np.zeros_like(covariance)
