@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from tertia import tables
-from tertia.sensors import PositionSensor
+from tertia.sensors import PositionSensor, Radar
 
 SPEED, COURSE = pl.col("speed_m_s"), pl.col("course_deg")
 CHANGES: list[tuple[dict[str, Any], str]] = [
@@ -78,3 +78,20 @@ def test_velocities_in_another_unit_or_convention(
 def test_velocities_that_are_plainly_wrong() -> None:
     plots = _paths(4).with_columns(speed_m_s=SPEED * 1.4)
     assert _smoothed(plots) == _tracked(plots) == []
+
+
+@pytest.mark.parametrize(("unit", "said"), [(1.0, []), (0.5144, ["speeds were in knots"])])
+def test_velocities_of_tracks_in_another_unit(unit: float, said: list[str]) -> None:
+    paths, course = _paths(3, speed=180.0), np.pi / 180.0 * COURSE
+    tracks = paths.select(
+        "time_s",
+        "east_m",
+        "north_m",
+        track=pl.col("identity"),
+        velocity_east_m_s=SPEED / unit * course.sin(),
+        velocity_north_m_s=SPEED / unit * course.cos(),
+    )
+    radar = Radar(range_sigma=50.0, azimuth_sigma=0.001, scan_period=3.0)
+    told = _told(tables.fuse_tracks, tracks, sensors=[radar])
+    assert len(told) == len(said)
+    assert all(one in text for one, text in zip(said, told, strict=True))

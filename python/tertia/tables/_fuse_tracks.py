@@ -27,6 +27,7 @@ from tertia.tables._records import SENSOR, TIME, Field, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import covariance_columns, movement, state_columns
+from tertia.tables._velocities import doubt_velocities
 from tertia.tertiary import SensorTracks, SystemTracks
 
 _MEANS = ("east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s")
@@ -189,6 +190,8 @@ def fused_tracks(
         **{name: column[whole] for name, column in identities_of(rows).items()},
         turn_probability=rows["turn_probability"].to_numpy()[whole],
     )
+    each = tracks.track * len(radars.names) + tracks.sensor
+    doubt_velocities("the tracks", each, tracks.time, tracks.position, tracks.velocity)
     picture = tertiary.fuse_tracks(tracks, radars.items, **options)
     return Fused(tracks, names.tolist(), picture, radars, clock, identities_in(records))
 

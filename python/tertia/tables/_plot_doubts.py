@@ -24,8 +24,6 @@ _TURNS = 0.6
 # scans around a gap, and plots on each side of it, from which the beam is known; share of a turn by
 # which it may be elsewhere after a gap, and by which periods differ from those stated
 _SCANS, _PLOTS, _AWAY, _SLOWER = 20.0, 10, 0.2, 0.01
-# standard deviation of times that are rounded to seconds
-_ROUNDED = 1.0 / np.sqrt(12.0)
 # seconds between the plots of sensors with different time zones
 _CLOCK = 300.0
 # plots in a row that come again, a share of a scan to which their intervals are equal, scans before
@@ -141,10 +139,9 @@ def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray)
     turns = np.abs(np.mean(beam)) > _TURNS and len(np.unique(sector)) >= _SECTORS
     if turns and np.all(time == np.round(time)):
         doubt(
-            f"the times of {name} are whole seconds: were they rounded? A target moves meanwhile, "
-            "and the sigmas of tracks do not include that. Give times with fractions; otherwise "
-            f"add {_ROUNDED:.2g} s × speed to the sigmas of the radar, and if times were cut off, "
-            "state time_bias_s = -0.5"
+            f"the times of {name} are whole seconds: were they rounded? A target moves meanwhile. "
+            "The sigmas of tracks include that, but with fractions of seconds tracks are more "
+            "accurate. If times were cut off instead of rounded, state time_bias_s = -0.5"
         )
 
 
