@@ -32,13 +32,13 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._repeats import repeated
 from tertia._result import Result
 
 __all__ = ["BearingEstimate", "Method", "estimate_bearing"]
 
-# fewest measurements without a stated sigma; repetitions that may always be chance; median step, in
-# roundings, below which rounding makes measurements equal; steps that are errors of arithmetic
-_FEWEST, _FEW_REPEATS, _COARSE, _NO_STEP = 5, 2, 4.0, 1e-12
+# fewest measurements without a stated sigma
+_FEWEST = 5
 # fewer independent measurements, and a larger correlation, are a drift
 _FEW_INDEPENDENT, _LEAST_CORRELATION = 3.0, 0.3
 
@@ -251,11 +251,13 @@ def estimate_bearing(
     penalty, because hypotheses that are too doubtful to contribute to the mean may still be true.
 
     **Repeated values.** A stuck instrument, or rows that were recorded several times, give the same
-    number again and again. Let m be the median difference of successive different measurements, in
-    units of `rounding` or of the smallest difference of any two. A measurement is equal to the one
-    before it by chance in at most one of 2 m cases. If there are significantly more such
-    repetitions, only the first of equal successive measurements counts. If m is below 4,
-    repetitions are attributed to rounding.
+    number again and again. If all changes are a multiple of r > 1 measurements apart, only one of r
+    counts. Otherwise let m be the median difference of successive different measurements, in units
+    of `rounding` or of the smallest difference of any two. A measurement is equal to the one before
+    it by chance in at most one of 2 m cases; if m is below 4, the chance is that of normal
+    differences, of which the numbers of those by one and by two steps are known. If there are
+    significantly more repetitions, also of rare values, only the first of equal successive
+    measurements counts, or if m is below 4, as many as the EM algorithm finds not to be copies.
 
     **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
     measurements is computed exactly. In the prior, the correlation is zero with a probability of
@@ -329,17 +331,17 @@ def estimate_bearing(
         "rounding": real(rounding, "rounding"),
         "bias_sigma": None if bias_sigma is None else _bias(bias_sigma),
     }
-    omitted, repeated = omits(nan_policy), None
+    omitted, again = omits(nan_policy), None
     if method == "robust":
         fewest = _FEWEST if stated is None else 1
-        repeated = _repeated(theta, options["period"], options["rounding"], fewest)
-    if repeated is not None and (omitted or not np.isnan(theta).any()):
-        theta, omitted = np.where(repeated, np.nan, theta), True
+        again = repeated(theta, options["period"], options["rounding"], fewest)
+    if again is not None and (omitted or not np.isnan(theta).any()):
+        theta, omitted = np.where(again, np.nan, theta), True
     numbers, outlier, blocks = _core.estimate_bearing(
         theta, stated, labels, options, omitted, threads(n_threads)
     )
-    if repeated is not None:
-        outlier |= repeated
+    if again is not None:
+        outlier |= again
     value, width, polarity, pvalue, correlations, effective, bias, factor = map(
         scalar_or_array, numbers
     )
@@ -360,36 +362,6 @@ def estimate_bearing(
         factor,
         *(blocks or (None, None, None)),
     )
-
-
-def _repeated(
-    theta: FloatArray, period: float | None, rounding: float, fewest: int
-) -> BoolArray | None:
-    """Return which measurements repeat the one before them, if rounding does not explain it.
-
-    None: there are none. `fewest` different measurements must be left.
-    """
-    if theta.ndim == 0 or theta.shape[-1] <= _FEW_REPEATS:
-        return None
-    rows = theta.reshape(-1, theta.shape[-1])
-    equal = rows[:, 1:] == rows[:, :-1]
-    count = np.count_nonzero(equal, axis=-1)
-    found = np.zeros(rows.shape, dtype=bool)
-    for row in np.flatnonzero(count > _FEW_REPEATS):
-        steps = np.abs(np.diff(rows[row])[~equal[row]])
-        steps = steps[np.isfinite(steps)]
-        if period is not None and period > 0:
-            steps = np.minimum(steps % period, -steps % period)
-        none = _NO_STEP * np.nanmax(np.abs(rows[row]))
-        steps, gaps = steps[steps > none], np.diff(np.unique(rows[row]))
-        if len(steps) + 1 < max(fewest, 2):
-            continue
-        step = np.min(gaps, where=gaps > none, initial=np.inf)
-        typical = np.median(steps) / max(rounding, float(step))
-        chance = equal.shape[-1] / (2.0 * typical)
-        if typical >= _COARSE and count[row] > chance + 4.0 * np.sqrt(chance) + _FEW_REPEATS:
-            found[row, 1:] = equal[row]
-    return found.reshape(theta.shape) if found.any() else None
 
 
 def _of_each(sigma: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

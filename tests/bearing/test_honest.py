@@ -76,3 +76,35 @@ def test_what_rounding_makes_equal_is_not_repeated(noise, step):
     rng = np.random.default_rng(4)
     theta = np.round(noise * rng.standard_normal((200, 100)) / step) * step % 360
     assert np.mean(estimate_bearing(theta, period=360.0).outlier) < 0.01
+
+
+def test_whole_degrees_that_were_recorded_several_times():
+    """Half of the record was called outliers; 38 % to 83 % of the intervals held the truth."""
+    rng = np.random.default_rng(8)
+    for noise, count, times in [(1.5, 300, 2), (0.7, 300, 4), (1.5, 1000, 2), (3.0, 160, 8)]:
+        once = np.round(100.3 + noise * rng.standard_normal((60, count // times)))
+        held = np.repeat(once, times, -1)[:, times // 2 :]
+        found, expected = estimate_bearing(held), estimate_bearing(once)
+        np.testing.assert_allclose(found.value, expected.value, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found.sigma, expected.sigma, rtol=1e-9)
+        assert np.mean(np.abs(found.value - 100.3) < 2 * found.sigma) > 0.93
+
+
+def test_whole_degrees_that_are_recorded_again_at_random():
+    rng = np.random.default_rng(9)
+    once = np.round(100.3 + 1.5 * rng.standard_normal((60, 300)))
+    place = np.cumsum(rng.random((60, 300)) < 0.5, axis=-1)
+    found = estimate_bearing(np.take_along_axis(once, place, axis=-1))
+    assert np.mean(np.abs(found.value - 100.3) < 2 * found.sigma) > 0.93
+    # 0.12 is the standard deviation of the mean of 150
+    assert np.median(found.sigma) < 0.17
+    assert np.sqrt(np.mean((found.value - 100.3) ** 2)) < 0.2
+
+
+def test_outliers_between_equal_measurements_are_not_what_differs():
+    """Equal measurements were left out, because those that differ are outliers, far apart."""
+    rng = np.random.default_rng(10)
+    theta = np.round(100.1 + 0.2 * rng.standard_normal((40, 100)))
+    wrong = rng.random(theta.shape) < 0.2
+    theta[wrong] = np.round(rng.uniform(80.0, 120.0, wrong.sum()))
+    assert np.mean(estimate_bearing(theta).outlier[~wrong]) < 0.01
