@@ -214,9 +214,11 @@ def estimate_bearing(
         correlation, and the other methods assume 0. The method "paper" ignores this parameter.
     rounding : float
         Step to which the measurements were rounded, in their unit. If it is 0, the step is unknown,
-        and the method "robust" estimates it from equal measurements; if `sigma` is given, only
-        steps of up to four sigmas are recognised; state larger steps. If the noise is smaller than
-        the step, the sigma of the bearing is at least the standard deviation of the rounding error.
+        and the method "robust" estimates it from equal measurements. If `sigma` is given, steps of
+        more than four sigmas are recognised only if three to five measurements or more show that
+        they are powers of ten, or the smallest difference, up to ten sigmas. If the noise
+        is smaller than the step, the sigma of the bearing is at least the standard deviation of the
+        rounding error.
     nan_policy : {"raise", "omit"}
         How to treat nan. With "raise", nan is an error. With "omit", nan means 'no measurement',
         and the blocks are formed from the remaining measurements.

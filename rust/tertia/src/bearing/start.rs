@@ -89,6 +89,12 @@ pub(super) fn step_within(sorted: &[f64], largest: f64) -> f64 {
     if step <= largest { step } else { 0.0 }
 }
 
+/// Returns the number of different values of sorted readings.
+pub(super) fn different(sorted: &[f64]) -> usize {
+    let different = differs(sorted);
+    sorted.chunk_by(|a, b| !different(b - a)).count()
+}
+
 /// Returns the smallest difference of two readings if some readings are equal, otherwise zero.
 fn seen_step(sorted: &[f64], different: impl Fn(f64) -> bool) -> f64 {
     let gaps = || sorted.windows(2).map(|pair| pair[1] - pair[0]);

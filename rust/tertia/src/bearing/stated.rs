@@ -10,11 +10,11 @@ use super::estimate::Estimate;
 use super::maxima::{FARTHEST, Fit, Sample};
 use super::robust::rest_of_rounding;
 use super::rules::RobustRule;
-use super::start::{MAD_TO_SIGMA, rounding_sigma, step_within};
+use super::start::{MAD_TO_SIGMA, different, rounding_sigma, step_within};
 use super::workspace::Workspace;
 use crate::base::angle::median;
 use crate::base::autoregression::Autoregression;
-use crate::base::distribution::chi_square_upper_real;
+use crate::base::distribution::{chi_square_upper_real, fisher_upper, normal_two_sided};
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 
@@ -24,8 +24,14 @@ const STATED_FREEDOM: f64 = 5.0;
 /// Degrees of freedom of the scatter from which on a first noise factor, before outliers are known, and
 /// a correlation are estimated.
 const FEWEST: f64 = 4.0;
-/// Largest rounding step that is searched for, in sigmas.
+/// Largest difference that is taken as a rounding step, in sigmas; the same if more measurements are equal
+/// than by finer steps.
 const LARGEST_STEP: f64 = 4.0;
+const LARGEST_SURE_STEP: f64 = 10.0;
+/// Probability below which a step does not explain how many measurements are equal.
+const UNLIKELY: f64 = 0.05;
+/// Error of a multiple of a decimal step, in steps.
+const SAME_DIGITS: f64 = 1e-6;
 /// Limit of the probability to be good, below which a measurement is an outlier: of two measurements
 /// that contradict each other, neither is marked, even if their sigmas differ.
 const EVEN: f64 = 0.45;
@@ -144,11 +150,37 @@ impl Stated {
 
 /// Returns the rounding step of measurements some of which are equal, 0 if none are. With steps of more
 /// than a few sigmas, noise of the stated size would make all readings equal, so a larger gap is not a
-/// rounding step.
+/// rounding step, unless more measurements are equal than finer steps would make. All may then be equal, but
+/// their digits show the step if it is one of 1, 10, 0.1 ...: the one from one to ten sigmas is assumed.
 fn seen_step(y: &[f64], sigma: &[f64]) -> f64 {
     let mut sorted = y.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
-    step_within(&sorted, LARGEST_STEP * harmonic(sigma))
+    let noise = harmonic(sigma);
+    let step = step_within(&sorted, LARGEST_STEP * noise);
+    let decimal = 10_f64.powf(noise.log10().ceil());
+    let explains =
+        |step: f64| chance_of_equal(different(&sorted), y.len(), step / noise) > UNLIKELY;
+    if step > 0.0 || explains(0.1 * decimal) {
+        return step;
+    }
+    let is_multiple = |v: &f64| ((v / decimal).round() - v / decimal).abs() < SAME_DIGITS;
+    if explains(decimal) && sorted.iter().all(is_multiple) {
+        return decimal;
+    }
+    step_within(&sorted, LARGEST_SURE_STEP * noise)
+}
+
+/// Returns an upper bound of the probability that no more than this number of n measurements are different,
+/// for a rounding step in sigmas, and if those that differ are so by several sigmas. The sum of the binomial
+/// distribution is one of Fisher's.
+fn chance_of_equal(different: usize, n: usize, step: f64) -> f64 {
+    let (equal, new) = ((n - different) as f64, different as f64);
+    let chance = 1.0 - normal_two_sided(0.5 * step);
+    if equal > 0.0 {
+        fisher_upper(equal * (1.0 - chance) / (new * chance), 2.0 * new, 2.0 * equal)
+    } else {
+        1.0
+    }
 }
 
 /// Finds centres and noise factor in turn. A sample of which nearly half is bad must not be mistaken
@@ -277,6 +309,19 @@ mod tests {
         let found = of(&[100.0, 129.0, 146.0], &[3.0; 3], 0.0);
         assert_within(0.005, found.centres[0].value, 125.0);
         assert!(found.good.iter().all(|good| (good - 1.0 / 3.0).abs() < 0.02));
+    }
+
+    /// Five equal readings of 0.2 sigmas are rounded more coarsely than to 0.1, and to 1 as their digits show; two
+    /// may be equal by chance.
+    #[test]
+    fn equal_measurements_show_their_rounding() {
+        assert_eq!(seen_step(&[40.0; 5], &[0.2; 5]), 1.0);
+        assert_eq!(seen_step(&[40.0, 41.0, 40.0, 40.0, 40.0, 40.0, 40.0], &[0.2; 7]), 1.0);
+        assert_eq!(seen_step(&[40.5, 41.0, 40.5, 40.5, 40.5, 40.5, 40.5], &[0.1; 7]), 0.5);
+        assert_eq!(seen_step(&[40.0, 41.0, 40.0, 41.0, 40.0], &[0.2; 5]), 1.0);
+        assert_eq!(seen_step(&[40.0; 2], &[0.2; 2]), 0.0);
+        assert_eq!(seen_step(&[40.0, 40.0, 69.0], &[0.2; 3]), 0.0);
+        assert_eq!(seen_step(&[40.1, 40.2, 40.3, 40.4, 40.7], &[0.2; 5]), 0.0);
     }
 
     /// `1 + 2 φ (1 − 1/n) + …` of equal measurements: (3 + 4 φ + 2 φ²)/3 for three.
