@@ -246,11 +246,11 @@ def fuse_series(
     Repeated plots ("robust", "adaptive", "adaptive-matrix"): a radar that is stuck gives the same
     number again. A radar that works, with noise of standard deviation s that is recorded in steps
     of d, repeats a number with a probability of at most `d / (2 sqrt(pi) s)`; s is taken as half of
-    the stated value, and d as the smallest difference of two plots of the radar so far. Whether the
-    radar is stuck is modelled as a Markov chain: it gets stuck with the probability
+    the stated value, and d as the smallest difference of two successive plots of the radar so far.
+    Whether the radar is stuck is modelled as a Markov chain: it gets stuck with the probability
     `change_probability`, and a plot that differs shows that it works. Plots that are more probably
     repetitions than measurements are left out. If the probability above exceeds 1/4, repetitions
-    are attributed to rounding.
+    are attributed to rounding, unless the other radars see the target move.
 
     "adaptive": the filter of each radar uses the noise as stated. If the innovations of a radar are
     larger than expected and larger than the median of the other radars, its noise and the

@@ -3,7 +3,7 @@
 use super::belief::{Belief, believed_noise};
 use super::intersection::Intersection;
 use super::matrix::{best_weights, difference, full, matrices, packed};
-use super::repeats::Repeats;
+use super::repeats::{Repeats, Seen};
 use super::robust::{Robust, first_variances};
 use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
@@ -212,7 +212,9 @@ impl Centre {
         let mut kept = std::mem::take(&mut self.kept);
         kept.clear();
         kept.extend_from_slice(z);
-        self.repeats.leave_out(&mut kept, r, self.period);
+        let seen: Vec<Seen> =
+            self.radars.iter().map(|radar| Seen::by(&radar.filter, radar.innovation)).collect();
+        self.repeats.leave_out(&mut kept, r, &seen, self.period);
         let state = self.take_in(&kept, r, reports);
         for (report, (z, kept)) in reports.iter_mut().zip(z.iter().zip(&kept)) {
             report.outlier |= kept.is_nan() && !z.is_nan();
