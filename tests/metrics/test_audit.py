@@ -139,6 +139,22 @@ class TestIntervals:
         # four standard deviations of .95 of 120
         assert np.all(held / self.TRIALS > 0.87), held / self.TRIALS
 
+    @pytest.mark.parametrize(("flights", "noise"), [(10, 1.0), (20, 0.3)])
+    def test_hold_the_truth_if_flights_have_biases(self, flights, noise):
+        """With normal biases: few flights are outside, whose number shows no variance."""
+        held, wrong, trials = 0, 0, 200
+        group = np.repeat(np.arange(flights), 100)
+        for trial in range(trials):
+            random = rng(400 + trial)
+            bias = random.standard_normal((flights, 2))[group]
+            error = bias + noise * random.standard_normal(bias.shape)
+            found = audit(error, 1.0 + noise**2, groups=group, probability=[0.95])
+            held += found.coverage[0.95].low <= 0.95 <= found.coverage[0.95].high
+            wrong += found.coverage[0.95].verdict in {"too small", "too large"}
+        # it was .86 and .77
+        assert held / trials > 0.92
+        assert wrong / trials < 0.07
+
     def test_as_if_independent_they_would_not(self):
         held = 0
         for trial in range(self.TRIALS):

@@ -196,7 +196,9 @@ def audit(
     the correlation of normally distributed errors, which is converted to the correlation of the
     events that errors are inside a region. The bounds of the intervals of scale and radius are
     order statistics (Woodruff 1952). With ten groups or more, all intervals follow from the
-    variance between groups (Liang, Zeger 1986) and Student's t distribution.
+    variance between groups (Liang, Zeger 1986) and Student's t distribution. The effective number
+    for proportions is at most that of normal errors as similar within a group as those observed
+    (Kish 1965).
 
     The verdict 'honest' requires at least ten independent errors; with fewer, the verdict is 'too
     short to tell'. If the whole interval shows that the sigmas are wrong, the verdict says so for a

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 LEAST_GROUPS = 10
 # the squares of errors: the second power of their correlation; of their ranks: the first
 _OF_ERRORS, _OF_RANKS = np.eye(8)[1], np.eye(8)[0]
+# of the correlation, to which the weights of the core belong
+_POWERS = (1, 2, 3, 4, 6, 8, 12, 16)
 _MOST_SHARE = 0.9
 
 
@@ -68,21 +70,24 @@ class Record:
     axes: int
     group: IntArray
     models: tuple[tuple[FloatArray, FloatArray], ...]
+    # mean correlation of two errors of a group, and the mean number of other errors of the group
+    common: tuple[float, float]
 
     @classmethod
     def of(cls, errors: FloatArray, gaps: FloatArray, group: IntArray) -> Record:
         """Return the record that these errors make up."""
         count, axes = errors.shape
         squares = np.sum(errors**2, axis=-1)
+        common = _common(errors, group)
         if _balanced(group) >= LEAST_GROUPS:
-            return cls(squares, axes, group, ())
+            return cls(squares, axes, group, (), common)
         ranks = np.empty(count)
         ranks[np.argsort(squares, kind="stable")] = (np.arange(count) + 0.5) / count - 0.5
         lasting = (
             _core.lasting(np.ascontiguousarray(errors), gaps),
             _core.lasting(ranks[:, np.newaxis], gaps),
         )
-        return cls(squares, axes, group, lasting)
+        return cls(squares, axes, group, lasting, common)
 
     def of_mean(self) -> Worth:
         """Return the effective numbers of values for the mean square of the errors."""
@@ -92,16 +97,30 @@ class Record:
         """Return the effective numbers for the proportion inside a region of this probability."""
         least = 0.5 / len(inside)
         content = min(max(probability, least), 1.0 - least)
+        weights = [np.array(_core.indicator_powers(m, content)) for m in (self.axes, 0)]
         if self.models:
-            weights = [np.array(_core.indicator_powers(m, content)) for m in (self.axes, 0)]
-            return self._worth(self.squares, (weights[0], weights[1]))
-        if inside.all() or not inside.any():
-            return self.of_mean()
-        return self._worth(inside.astype(np.float64), ())
+            worth = self._worth(self.squares, (weights[0], weights[1]))
+        elif inside.all() or not inside.any():
+            worth = self.of_mean()
+        else:
+            worth = self._worth(inside.astype(np.float64), ())
+        return self._grouped(worth, weights[0])
 
     def of_score(self, score: FloatArray) -> Worth:
         """Return the effective numbers for the mean of a quantity that is linear in the errors."""
         return self._worth(score, (_OF_RANKS, _OF_RANKS))
+
+    def _grouped(self, worth: Worth, weights: FloatArray) -> Worth:
+        """Return what a record is worth if its groups have errors in common.
+
+        Few groups are outside a region of high probability, so that their number shows little of
+        how much it varies. The errors show it: if normal errors of a group have this correlation,
+        so many errors are worth one (Kish 1965).
+        """
+        correlation, others = self.common
+        per_value = 1.0 + others * float(weights @ correlation ** np.array(_POWERS))
+        most = max(len(self.squares) / per_value, 1.0)
+        return replace(worth, number=np.minimum(worth.number, most))
 
     def _worth(self, values: FloatArray, weights: tuple[FloatArray, ...]) -> Worth:
         count = len(values)
@@ -113,6 +132,17 @@ class Record:
         ]
         probability, per_value = _larger(*rows)
         return Worth(np.maximum(count / per_value, 1.0), probability)
+
+
+def _common(errors: FloatArray, group: IntArray) -> tuple[float, float]:
+    """Return the mean correlation of two errors of a group, and how many others there are."""
+    sizes = np.bincount(group).astype(np.float64)
+    others = float(sizes @ (sizes - 1.0)) / len(errors)
+    total = float(np.sum(errors**2))
+    if len(sizes) == 1 or others == 0.0 or total == 0.0:
+        return 0.0, 0.0
+    square = sum(float(np.sum(np.bincount(group, own) ** 2)) for own in errors.T)
+    return min(max((square / total - 1.0) / others, 0.0), 1.0), others
 
 
 def _balanced(group: IntArray) -> float:
