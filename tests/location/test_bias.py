@@ -187,6 +187,65 @@ class TestOneInstant:
         assert repr(fix).endswith("0 of 2 faulty, systematic error not included)")
 
 
+class TestHardlyChecked:
+    """Theodolites: where two azimuths cross, only the elevations are redundant."""
+
+    PLACES = np.array([[0, 0, 1.6], [80, 10, 1.5], [30, 90, 1.7]])
+    SIGMA = 5e-6
+
+    def measured(self, seed, count, instants, error):
+        """Stations, angles whose azimuths have a constant error in sigmas, and the targets."""
+        rng = np.random.default_rng([6, seed])
+        truth = rng.uniform([10, 30, 0], [90, 90, 15], (instants, 3))
+        offset = truth[:, np.newaxis] - self.PLACES[:count]
+        plan = np.hypot(offset[..., 0], offset[..., 1])
+        azimuth = np.arctan2(offset[..., 0], offset[..., 1])
+        elevation = np.arctan2(offset[..., 2], plan)
+        shape = azimuth.shape
+        angles = {
+            "azimuth": azimuth
+            + self.SIGMA * (error * rng.normal(size=count) + rng.normal(size=shape)),
+            "elevation": elevation + self.SIGMA * rng.normal(size=shape),
+        }
+        stations = [
+            Station(place, azimuth_sigma=self.SIGMA, elevation_sigma=self.SIGMA)
+            for place in self.PLACES[:count]
+        ]
+        return stations, angles, truth
+
+    @pytest.mark.parametrize("instants", [1, 20])
+    def test_it_says_that_azimuths_are_not_checked(self, instants):
+        for count, expected in ((2, "not included"), (3, "estimated")):
+            stations, angles, _ = self.measured(1, count, instants, 0.0)
+            assert locate(stations, **angles).systematic == expected
+            one = {kind: value[0] for kind, value in angles.items()}
+            assert locate(stations, **one).systematic == expected
+
+    def test_contradictions_may_be_due_to_them(self):
+        """Ten sigmas change the elevations little: it was 6 % inside."""
+        shares, ratios = [], []
+        for seed in range(40):
+            stations, angles, truth = self.measured(seed, 2, 20, 10.0)
+            fixes = locate(stations, **angles)
+            shares.append(inside(fixes, truth))
+            trusted = locate(stations, **angles, bias=Bias())
+            errors = [np.linalg.norm(one.position - truth, axis=1) for one in (fixes, trusted)]
+            ratios.append(np.median(errors[0]) / np.median(errors[1]))
+        assert np.mean(shares) > 0.6
+        assert np.median(ratios) < 1.01
+
+    def test_without_errors_they_cost_nothing(self):
+        shares, ratios = [], []
+        for seed in range(40):
+            stations, angles, truth = self.measured(seed, 2, 20, 0.0)
+            fixes = locate(stations, **angles)
+            shares.append(inside(fixes, truth))
+            trusted = locate(stations, **angles, bias=Bias())
+            ratios.append(np.median(fixes.covariance[:, 0, 0] / trusted.covariance[:, 0, 0]))
+        assert 0.93 < np.mean(shares) < 0.985
+        assert np.median(ratios) == pytest.approx(1.0)
+
+
 class TestGiven:
     def test_values_are_subtracted_and_sigmas_added(self):
         azimuth = draw(1, seed=2)[0]

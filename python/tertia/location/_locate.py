@@ -44,6 +44,9 @@ _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 _REDUNDANCY = 3
 # odds of faults are part of their loss, and two of five arrivals tell a fault mostly
 _REDUNDANCY_OF_ARRIVALS = 2
+# least share of an error of each kind of measurement that residuals show: below it, mean redundancy
+# numbers mean that errors are hardly checked (Förstner 1987)
+_CHECKED = 0.1
 # of variances, with which angles that are taken for degrees still fit
 _MOST_GROWTH = 25.0
 
@@ -351,7 +354,7 @@ def locate(
         solver,
     )
     solve = solver(grows)
-    *result, (growth, factor, _, missing), found = solve(*rows[2:4])
+    *result, (growth, factor, redundancies, missing), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
         warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
@@ -366,7 +369,11 @@ def locate(
             arrivals=arrivals,
             speed=speed,
             wind=wind,
-            systematic=said(free, tells=not lies_between(result[-1][1], -np.inf, 0.0)),
+            systematic=said(
+                free,
+                tells=not lies_between(result[-1][1], -np.inf, 0.0)
+                and min(redundancies) >= _CHECKED,
+            ),
             bias=own.found(
                 _stated(measured, arrivals),
                 [each + shared for each, shared in zip(growth, missing, strict=True)],

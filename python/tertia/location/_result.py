@@ -113,8 +113,8 @@ class Location(Result):
         OK, which equals 0, or the reason why there is no position.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from inconsistencies between the stations; or it does not include them, because
-        they could not cause inconsistencies.
+        estimated from inconsistencies between the stations; or it does not include those of at
+        least one kind of measurement, because they could hardly cause inconsistencies.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated.
     propagation_speed, propagation_speed_sigma : float, ndarray of shape (...) or None

@@ -74,8 +74,8 @@ pub fn fix_columns<'py>(
     columns(py, batch, fixes, of)
 }
 
-/// Returns positions, covariances, residuals and marks of outliers, the columns of `fix_columns`, the four
-/// columns of `Contradiction`, the share by which signals are faster than stated, its standard deviation,
+/// Returns positions, covariances, residuals and marks of outliers, the columns of `fix_columns`, growth,
+/// factor, redundancy and common share of `Contradiction`, the share by which signals are faster than stated, its standard deviation,
 /// and the wind, if wind is allowed. `robustness` is the method and the degrees of freedom that it requires;
 /// `differences` contains whether late arrivals are more likely to be outliers, and the correlation of
 /// range differences; `medium` contains the prior standard deviations of the share, and of the wind in
@@ -152,7 +152,18 @@ pub fn locate<'py>(
         Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
     };
     let wind = wind.map(still).transpose()?;
-    let Contradiction { growth, factor, degrees_of_freedom, common, .. } = contradiction;
+    let redundancy = match batch.count() {
+        1 if free.contains(&true) => {
+            let instant = batch.instant(0);
+            match batch.d {
+                2 => locator.redundancy::<2>(&instant, &free, &mut Workspace::default()),
+                _ => locator.redundancy::<3>(&instant, &free, &mut Workspace::default()),
+            }
+        }
+        _ => contradiction.redundancy,
+    };
+    let Contradiction { growth, factor, common, unchecked, .. } = contradiction;
+    let growth = std::array::from_fn(|kind| growth[kind] * (1.0 + unchecked[kind]));
     let columns = fix_columns(py, batch.values.batch(), &found.fixes)?;
     Ok((
         found.position,
@@ -160,7 +171,7 @@ pub fn locate<'py>(
         found.residual,
         found.outlier,
         columns,
-        [growth, factor, degrees_of_freedom, common],
+        [growth, factor, redundancy, common],
         ((speed.share, speed.sigma), wind),
     ))
 }
@@ -255,7 +266,7 @@ fn adapt(
     if found.is_any() {
         found.apply(batch.sigmas.values.to_mut(), free);
     }
-    *locator = locator.with_common(found.common);
+    *locator = locator.with_common(found.common).with_unchecked(found.unchecked);
     Ok((found, mixture))
 }
 

@@ -20,6 +20,7 @@
 //! | `doubt` | effect on the covariance of measurements that may be faults |
 //! | `growth` | growth of the covariance if residuals are too large for the stated sigmas |
 //! | `contradiction` | by how much all instants together contradict the stated sigmas |
+//! | `unchecked` | kinds of measurement whose errors the residuals hardly show |
 //! | `modes`, `mixture` | outliers in a batch of instants with few redundant measurements |
 //! | `normals` | error ellipses of mixtures of normal distributions |
 //! | `evidence` | likelihood of the measurements for given sizes of the sigmas |
@@ -31,6 +32,7 @@
 //! | `search` | start, robust steps, other minima |
 //! | `mirror` | the plane of the stations and its sides |
 //! | `side` | the side of the stations on which the targets are |
+//! | `accuracy` | the covariance that positions would have |
 //! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths only |
 //! | `posterior`, `quadtree`, `concentration` | the density of positions from two to four bearings |
@@ -43,6 +45,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod accuracy;
 mod alone;
 mod arrivals;
 mod block;
@@ -80,6 +83,7 @@ mod starts;
 mod steady;
 mod summary;
 mod total;
+mod unchecked;
 mod wind;
 
 pub use concentration::{Decay, STEPS, Weights};

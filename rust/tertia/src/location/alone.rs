@@ -20,9 +20,9 @@ use crate::sensors::{KINDS, Kind};
 /// p-value below which residuals are too large.
 const CONTRADICTS: f64 = 0.1;
 /// Factors of the variances are 1 and the powers of two up to this exponent.
-const DOUBLINGS: i32 = 13;
+pub(super) const DOUBLINGS: i32 = 13;
 /// Difference in log weight from the most probable hypothesis beyond which no larger factors are tried.
-const UNLIKELY: f64 = 10.0;
+pub(super) const UNLIKELY: f64 = 10.0;
 
 /// The position for one size of the sigmas.
 struct Hypothesis<const D: usize> {
@@ -141,7 +141,7 @@ fn is_known(instant: &Instant<'_>) -> bool {
 
 /// Prior probability of a factor φ: [`DOUBTED`] for φ = 1, otherwise `√(φ − 1)` has a half-Cauchy
 /// distribution.
-fn prior(doublings: i32) -> f64 {
+pub(super) fn prior(doublings: i32) -> f64 {
     let density = |k: i32| {
         let factor = 2.0_f64.powi(k);
         let t = (factor - 1.0).sqrt();

@@ -68,6 +68,12 @@ pub struct Contradiction {
     pub common: [f64; KINDS],
     /// Whether the residuals of some instants are far larger than those of normal noise with this factor.
     pub is_heavy: bool,
+    /// Variance that the errors of a kind may have in addition, divided by that used as their weight: of kinds
+    /// that are hardly checked.
+    pub unchecked: [f64; KINDS],
+    /// Mean redundancy number (Baarda 1968) of the measurements of each kind whose sigmas may be wrong: the
+    /// share of an error that shows in the residuals; 1 if there are none.
+    pub redundancy: [f64; KINDS],
 }
 
 impl Contradiction {
@@ -78,6 +84,8 @@ impl Contradiction {
         degrees_of_freedom: [0.0; KINDS],
         common: [0.0; KINDS],
         is_heavy: false,
+        unchecked: [0.0; KINDS],
+        redundancy: [1.0; KINDS],
     };
 
     /// Multiplies the standard deviations of the 5 K measurements of each instant by the square root of
@@ -121,15 +129,15 @@ pub(super) fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) 
 }
 
 /// The instants of the sample, and which of their sigmas may be wrong.
-struct Problem<'a> {
-    sample: &'a [Instant<'a>],
-    free: &'a [bool],
-    pooled: bool,
+pub(super) struct Problem<'a> {
+    pub sample: &'a [Instant<'a>],
+    pub free: &'a [bool],
+    pub pooled: bool,
 }
 
 impl Problem<'_> {
     /// Whether angles still show a direction with these factors of their variances.
-    fn has_directions(&self, factor: &[f64; KINDS]) -> bool {
+    pub fn has_directions(&self, factor: &[f64; KINDS]) -> bool {
         let stations = self.free.len() / KINDS;
         let is_direction = |instant: &Instant<'_>, place: usize| {
             let kind = place / stations;
@@ -143,9 +151,11 @@ impl Problem<'_> {
 
 /// Sums over the residuals of all instants.
 #[derive(Default)]
-struct Sums {
+pub(super) struct Sums {
     square: [f64; KINDS],
-    freedom: [f64; KINDS],
+    pub freedom: [f64; KINDS],
+    /// Number of kept measurements whose sigmas may be wrong.
+    counts: [f64; KINDS],
     /// 5 K residuals of each instant; 0 where there is none.
     residual: Vec<f64>,
     /// Restricted log likelihood of each instant for each share of outliers; nan if it has no position.
@@ -195,7 +205,12 @@ impl Locator {
             }
         }
         let is_heavy = !pooled && factor != start && sums.are_heavy(count);
-        let mut found = Contradiction { factor, is_heavy, ..Contradiction::NONE };
+        // with larger sigmas, the other kinds would seem to check a kind
+        let redundancy = match factor == start {
+            true => sums.redundancy(),
+            false => self.plain().sums(&problem, &start, workspace).redundancy(),
+        };
+        let mut found = Contradiction { factor, is_heavy, redundancy, ..Contradiction::NONE };
         let total: f64 = sums.freedom.iter().sum();
         let others = |freedom: f64| ALIKE.min(total - freedom);
         for kind in 0..KINDS {
@@ -218,7 +233,22 @@ impl Locator {
                 growth_of_all::<D>(factor[kind] * effective, effective)
             };
         }
+        if !pooled && factor != start {
+            self.doubt_unchecked(&problem, &sums, &mut found, workspace);
+        }
         found
+    }
+
+    /// Returns the mean redundancy number of the `free` measurements of each kind at one instant.
+    pub fn redundancy<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        free: &[bool],
+        workspace: &mut Workspace<D>,
+    ) -> [f64; KINDS] {
+        let sample = std::slice::from_ref(instant);
+        let problem = Problem { sample, free, pooled: false };
+        self.sums(&problem, &[1.0; KINDS], workspace).redundancy()
     }
 
     /// Repeats rounds of estimation until the factors settle; returns these, and the sums of the last
@@ -229,11 +259,22 @@ impl Locator {
         start: [f64; KINDS],
         workspace: &mut Workspace<D>,
     ) -> ([f64; KINDS], Sums) {
+        self.settled_beside(None, problem, start, workspace)
+    }
+
+    /// The same, with a kind whose factor remains as it is at the start.
+    pub(super) fn settled_beside<const D: usize>(
+        &self,
+        held: Option<usize>,
+        problem: &Problem<'_>,
+        start: [f64; KINDS],
+        workspace: &mut Workspace<D>,
+    ) -> ([f64; KINDS], Sums) {
         let mut factor = start;
         let mut round = 0;
         loop {
             let mut sums = self.sums(problem, &factor, workspace);
-            let known = |kind: &usize| sums.freedom[*kind] > LEAST_FREEDOM;
+            let known = |kind: &usize| sums.freedom[*kind] > LEAST_FREEDOM && held != Some(*kind);
             let kinds: Vec<usize> = (0..KINDS).filter(known).collect();
             let contradicts = |&kind: &usize| {
                 factor[kind] != 1.0 || sums.square[kind] > agreeing(sums.freedom[kind])
@@ -296,7 +337,7 @@ impl Locator {
     }
 
     /// Sums squares and degrees of freedom of the residuals for these factors of the variances.
-    fn sums<const D: usize>(
+    pub(super) fn sums<const D: usize>(
         &self,
         problem: &Problem<'_>,
         factor: &[f64; KINDS],
@@ -354,11 +395,29 @@ impl Sums {
         for &Kept { place, residual, square, freedom } in &evidence.free {
             self.square[place / stations] += square;
             self.freedom[place / stations] += freedom;
+            self.counts[place / stations] += 1.0;
             self.residual[at + place] = residual;
         }
         if let (Some(own), Some(other)) = (self.likelihood.last_mut(), self.none.last_mut()) {
             (*own, *other) = (evidence.likelihood, evidence.none);
         }
+    }
+
+    /// Returns the mean redundancy number of the measurements of each kind.
+    fn redundancy(&self) -> [f64; KINDS] {
+        std::array::from_fn(|kind| match self.counts[kind] {
+            0.0 => 1.0,
+            count => self.freedom[kind] / count,
+        })
+    }
+
+    /// Returns the largest restricted log likelihood of an instant, on average over those that have a
+    /// position, for any share of outliers.
+    pub fn mean_ln_likelihood(&self) -> f64 {
+        let known = || self.likelihood.iter().filter(|own| !own[0].is_nan());
+        let of = |share: usize| known().map(|own| own[share]).sum::<f64>();
+        let most = (0..ByShare::default().len()).map(of).fold(f64::NEG_INFINITY, f64::max);
+        most / known().count() as f64
     }
 
     /// Returns the factor for all kinds together.
@@ -407,7 +466,7 @@ impl Sums {
 
     /// Returns the effective number of instants divided by their number `count`, from the correlation
     /// of the residuals of one kind.
-    fn independent(&self, kind: usize, count: usize) -> f64 {
+    pub fn independent(&self, kind: usize, count: usize) -> f64 {
         let width = self.residual.len() / count;
         let stations = width / KINDS;
         let row = |t: usize| {

@@ -82,9 +82,15 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
         let factor = 1.0 + t * t;
         *term = (factor, prior.ln() - 0.5 * (freedom * factor.ln() + statistic / factor));
     }
+    beyond * containing::<D>(&mut terms)
+}
+
+/// Returns the factor with which the ellipse contains 95 % of a mixture of factors, each with the logarithm
+/// of its weight.
+pub(super) fn containing<const D: usize>(terms: &mut [(f64, f64)]) -> f64 {
     let highest = terms.iter().fold(f64::NEG_INFINITY, |highest, term| highest.max(term.1));
     let mut sum = 0.0;
-    for term in &mut terms {
+    for term in &mut *terms {
         term.1 = (term.1 - highest).exp();
         sum += term.1;
     }
@@ -98,7 +104,7 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
         let middle = 0.5 * (low + high);
         if outside(middle.exp()) > OUTSIDE { low = middle } else { high = middle }
     }
-    beyond * (0.5 * (low + high)).exp()
+    (0.5 * (low + high)).exp()
 }
 
 /// Returns `P(χ²_D > m LIMIT)`.

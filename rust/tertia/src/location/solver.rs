@@ -1,8 +1,6 @@
 //! Location of instants: reads the measurements, descends from trusted starts, and writes the results.
 
-use super::descent::{
-    self, Cost, HUBER_STEPS, Loss, NEAR, Outliers, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
-};
+use super::descent::{Cost, HUBER_STEPS, Loss, Outliers, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lane::LANES;
@@ -12,9 +10,9 @@ use super::mirror::Side;
 use super::profile::Unbounded;
 use super::record::{NOWHERE, Record, Room};
 use super::search::{Buffers, Search, position};
-use super::summary::{Spread, Summary};
+use super::summary::Summary;
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Factor, Matrix, Vector, add, norm, symmetrise, undetermined};
+use crate::base::small::{Matrix, Vector, add, symmetrise};
 use crate::sensors::KINDS;
 
 /// Huber's steps from a trusted start end when they are shorter than this, in standard deviations.
@@ -56,6 +54,8 @@ pub struct Locator {
     pub(super) correlation: f64,
     /// Share of the variance of each kind that all stations have in common.
     common: [f64; KINDS],
+    /// Variance that each measurement of a kind may have in addition, divided by that used as its weight.
+    unchecked: [f64; KINDS],
     /// Standard deviation of the relative error of the speed of the signals.
     speed_sigma: f64,
     /// The side of the stations on which the targets are, if it is known.
@@ -74,6 +74,7 @@ impl Locator {
             outliers: Outliers::FEW,
             correlation: 0.5,
             common: [0.0; KINDS],
+            unchecked: [0.0; KINDS],
             speed_sigma: 0.0,
             side: None,
         }
@@ -117,6 +118,12 @@ impl Locator {
     /// of the stated variances of each kind.
     pub fn with_common(self, common: [f64; KINDS]) -> Self {
         Self { common, ..self }
+    }
+
+    /// Returns this estimator with covariances that include the errors that each measurement of a kind may have
+    /// in addition: these shares of the variances used as weights.
+    pub fn with_unchecked(self, unchecked: [f64; KINDS]) -> Self {
+        Self { unchecked, ..self }
     }
 
     /// Returns this estimator with covariances that include an error of the speed of the signals, whose
@@ -398,6 +405,9 @@ impl Locator {
         if self.common != [0.0; KINDS] {
             add(&mut covariance, &search.shared(minimum, &record.rows, &self.common));
         }
+        if self.unchecked != [0.0; KINDS] {
+            add(&mut covariance, &search.separate(minimum, &record.rows, &self.unchecked));
+        }
         Ok(covariance)
     }
 
@@ -435,63 +445,9 @@ impl Locator {
             _ => None,
         }
     }
-
-    /// Computes the covariance that a position estimated by the stations would have, for arguments as in
-    /// [`Instant`] with `sigmas` that are nan for what stations do not measure. The covariance is infinite
-    /// if the position is not determined. Returns the dilution of precision. O(K).
-    pub fn accuracy<const D: usize>(
-        &self,
-        instant: &Instant<'_>,
-        position: &[f64],
-        covariance: &mut [f64],
-        workspace: &mut Workspace<D>,
-    ) -> f64 {
-        let Workspace { own, plane, space } = workspace;
-        match (D, self.has_arrivals(instant)) {
-            (_, false) => self.accuracy_of(instant, position, covariance, &mut own.records[0]),
-            (2, true) => self.accuracy_of(instant, position, covariance, &mut plane.records[0]),
-            _ => self.accuracy_of(instant, position, covariance, &mut space.records[0]),
-        }
-    }
-
-    fn accuracy_of<const D: usize, const N: usize>(
-        &self,
-        instant: &Instant<'_>,
-        position: &[f64],
-        covariance: &mut [f64],
-        record: &mut Record<D, N>,
-    ) -> f64 {
-        record.read(instant, self.correlation);
-        let origin = first::<D>(instant.stations);
-        let p: Vector<D> = std::array::from_fn(|i| position[i] - origin[i]);
-        if record.is_blurred(instant) {
-            record.blur(instant, &p);
-        }
-        let mut state = [0.0; N];
-        state[..D].copy_from_slice(&p);
-        let Record { measurements, extent, .. } = &*record;
-        let extent = *extent;
-        let near = NEAR * (extent + norm(&p));
-        let problem = descent::Problem { measurements, extent };
-        let matrix = problem.normal(&state, Loss::SQUARE, 1.0).matrix;
-        let blind = measurements.iter().any(|m| m.is_blind(&p, near));
-        let inverse = Factor::try_new(&matrix, 0.0).filter(|_| !blind).map(|f| f.inverse());
-        let all = inverse.unwrap_or_else(undetermined);
-        for (own, row) in covariance.chunks_exact_mut(D).zip(&all) {
-            own.copy_from_slice(&row[..D]);
-        }
-        if inverse.is_none() {
-            return f64::INFINITY;
-        }
-        let mut spread = Spread::<N>::of(measurements);
-        for m in measurements {
-            spread.add(m, &m.row_at(&state), true);
-        }
-        spread.dop(D)
-    }
 }
 
 /// Returns the first station. Positions are relative to it, so that large coordinates do not cost digits.
-fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
+pub(super) fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
 }

@@ -104,6 +104,32 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         sum
     }
 
+    /// Returns the covariance due to additional errors of each measurement, for these shares s of the variances
+    /// of its kind: `Σ s r r'` with `r = (J' W J)^-1 w j`. O(M).
+    pub fn separate(
+        &self,
+        minimum: &Minimum<N>,
+        rows: &[Row<N>],
+        shares: &[f64; KINDS],
+    ) -> Matrix<D> {
+        let mut sum = [[0.0; D]; D];
+        let Some(factor) = Factor::try_new(&minimum.normal.matrix, 0.0) else { return sum };
+        for (m, row) in self.problem.measurements.iter().zip(rows) {
+            // heights are the last kind, without a share
+            let share = shares.get(m.kind as usize).copied().unwrap_or(0.0);
+            if share > 0.0 {
+                let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
+                let response = factor.solve(&row.gradient.map(|g| weight * g));
+                for i in 0..D {
+                    for j in 0..D {
+                        sum[i][j] += share * response[i] * response[j];
+                    }
+                }
+            }
+        }
+        sum
+    }
+
     /// Returns the change of the state if the signals are faster by a relative difference `share`:
     /// `(J' W J)^-1 J' W r` times the share, with the distances r that the signals travel. O(M).
     pub fn stretched(&self, minimum: &Minimum<N>, rows: &[Row<N>], share: f64) -> Vector<N> {
