@@ -132,7 +132,8 @@ class SmoothedPositions(Result):
         Time by which the measured velocities lag behind the positions; 0 if the plots show no lag.
     diffusion : float or ndarray of shape (...)
         Intensity of the white velocity, in position² / time. If it is positive, the position is a
-        random walk, and the velocity is that of its drift alone.
+        random walk, and the velocity is that of its drift. Its covariance then includes the
+        velocity about the drift: twice the diffusion over the median interval of the plots.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.

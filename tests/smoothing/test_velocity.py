@@ -173,3 +173,31 @@ def test_errors(arguments, message):
     given = {"velocity": np.ones((3, 2)), "velocity_covariance": 1.0} | arguments
     with pytest.raises(ValueError, match=message):
         smooth(y, 1.0, **given)
+
+
+def walker(seed, step, count=150):
+    """A walker at 1.3 m/s who turns every ten seconds on average, seen every `step` seconds."""
+    random = rng([61, seed])
+    fine = 0.5
+    turns = random.random(int(count * step / fine)) < fine / 10.0
+    course = np.cumsum(np.where(turns, random.uniform(-2.0, 2.0, turns.size), 0.0))
+    velocity = 1.3 * np.stack([np.sin(course), np.cos(course)], axis=1)
+    position = np.cumsum(fine * velocity, axis=0) - fine * velocity
+    every = int(step / fine)
+    return position[::every], velocity[::every]
+
+
+def test_velocity_of_a_walk_that_plots_do_not_show():
+    """The position is a random walk: its drift is far more certain than the velocity."""
+    held = []
+    for seed in range(8):
+        position, velocity = walker(seed, 30.0)
+        plots = position + 3.0 * rng([62, seed]).standard_normal(position.shape)
+        found = smooth(plots, 9.0, dt=30.0)
+        assert found.diffusion > 0
+        least = 2.0 * found.diffusion / 30.0
+        assert np.all(np.diagonal(found.velocity_covariance, axis1=1, axis2=2) > 0.9 * least)
+        error = found.velocity - velocity
+        inverse = np.linalg.inv(found.velocity_covariance)
+        held.append(np.mean(np.einsum("ni,nij,nj->n", error, inverse, error) < 5.991))
+    assert np.mean(held) > 0.9

@@ -26,10 +26,11 @@ mod seen;
 mod smoother;
 mod stencil;
 mod track;
+mod unresolved;
 mod whitener;
 mod whitening;
 
-pub(crate) use fit::{Family, Part, likeliest, likeliest_other, likeliest_part, relative_error};
+pub(crate) use fit::{Family, Part, likeliest, likeliest_of, likeliest_part, relative_error};
 pub use fit::{ProcessNoiseFit, fit_process_noise};
 pub use motion::ProcessNoise;
 pub use noise::{NoiseFit, Options, smooth_with_noise};
@@ -40,4 +41,5 @@ pub use results::{Smoothed, Summary};
 pub(crate) use smoother::likelihood;
 pub use smoother::{Workspace, smooth};
 pub use track::{Prior, Track, Velocities};
+pub(crate) use unresolved::add_unresolved;
 pub use whitener::Noise;

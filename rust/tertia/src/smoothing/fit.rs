@@ -213,10 +213,20 @@ pub(crate) fn likeliest_other(
     least: f64,
     value: &mut impl FnMut(ProcessNoise) -> f64,
 ) -> Option<(ProcessNoiseFit, f64)> {
-    let other = Family::that_has(motion).other();
-    let like = other.like(motion, track);
-    let is_likely = like.is_finite() && value(other.of(track)(like)) >= least;
-    is_likely.then(|| search(track, other, Some(like), value))
+    likeliest_of(Family::that_has(motion).other(), track, motion, least, value)
+}
+
+/// As [`likeliest_other`], of any family.
+pub(crate) fn likeliest_of(
+    family: Family,
+    track: &Track<'_>,
+    motion: ProcessNoise,
+    least: f64,
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> Option<(ProcessNoiseFit, f64)> {
+    let like = family.like(motion, track);
+    let is_likely = like.is_finite() && value(family.of(track)(like)) >= least;
+    is_likely.then(|| search(track, family, Some(like), value))
 }
 
 /// Returns the motion with the likeliest intensities of one part of the axes, near those that it has, and its

@@ -16,6 +16,7 @@ use super::search::{Candidate, Near, Scale, Search};
 use super::seen::Quantity;
 use super::smoother::{Workspace, likelihood, smooth};
 use super::track::Track;
+use super::unresolved::add_unresolved;
 
 /// Correlations of successive plots that are tried, and shares of the noise that are correlated.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
@@ -276,6 +277,7 @@ fn average<const M: usize, const S: usize, const N: usize>(
     let best = &candidates[most];
     let mut first = Found::default();
     search.engine.smooth(track, &best.model, faults, &mut first)?;
+    add_unresolved(track, best.model.motion, S, &mut first.covariance);
     let variance = best.factor.max(1.0).powi(2);
     first.covariance.iter_mut().for_each(|c| *c *= weights[most] * variance);
     let (mut found, mut shift) = (Found::default(), vec![0.0; first.mean.len()]);
@@ -285,6 +287,7 @@ fn average<const M: usize, const S: usize, const N: usize>(
             continue;
         }
         search.engine.smooth(track, &one.model, faults, &mut found)?;
+        add_unresolved(track, one.model.motion, S, &mut found.covariance);
         let variance = one.factor.max(1.0).powi(2);
         for k in 0..track.len() {
             let away: [f64; S] =

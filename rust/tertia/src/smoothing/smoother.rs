@@ -11,6 +11,7 @@ use super::quick::Quick;
 use super::results::{Smoothed, Summary};
 use super::rows::{invert, solve};
 use super::track::Track;
+use super::unresolved::add_unresolved;
 use super::whitening::Whitening;
 use crate::base::interrupt::poll;
 use std::f64::consts::TAU;
@@ -49,10 +50,10 @@ pub fn smooth(
     out: &mut Smoothed<'_>,
 ) -> Summary {
     poll();
-    if let Some(summary) = workspace.quick.smooth(track, motion, out) {
-        return summary;
-    }
-    by_rows(track, motion, workspace, out)
+    let quick = workspace.quick.smooth(track, motion, out);
+    let summary = quick.unwrap_or_else(|| by_rows(track, motion, workspace, out));
+    add_unresolved(track, motion, 3 * track.dimension, out.covariance);
+    summary
 }
 
 /// Smooths any track, with rows of information.

@@ -13,6 +13,8 @@ const STEPS: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
 /// covariances are too large if no process noise is seen, and one of the logarithm, with which they are too
 /// small if it is seen.
 const PRIOR: f64 = 0.25;
+/// Prior probability that the position is a random walk, relative to that of the other motions.
+const ROUGH: f64 = 0.02;
 const MARGIN: f64 = 2.0;
 const FALL: f64 = 8.0;
 const MOST_STEPS: i32 = 80;
@@ -81,8 +83,9 @@ fn average<const N: usize>(paths: &[(Path, f64)], best: &Path) -> Vec<f64> {
 
 /// Returns the paths of all likely intensities of a part of the axes, each with the logarithm of its intensity
 /// less some constant; none if the record does not determine the intensity. If the fitted intensity is well
-/// known, these are intensities around it, and around that of the other family if that is likely. Otherwise the
-/// intensities begin with one that is practically zero and rise until they are unlikely.
+/// known, these are intensities around it, and around those of other families if these are likely: a target that
+/// turns or stops between two instants moves like a random walk. Otherwise the intensities begin with one that is
+/// practically zero and rise until they are unlikely.
 fn likely<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -98,13 +101,15 @@ fn likely<const D: usize, const N: usize>(
     if error < WELL_KNOWN {
         let mut paths = around(setting, &track, best.clone(), part, error);
         let least = best.summary.log_likelihood - FALL;
-        let other = match part {
-            Part::Last => None,
-            _ => setting.smoother.other(&track, best.fit.motion, least),
-        };
-        if let Some(fit) = other.filter(|fit| fit.relative_error < WELL_KNOWN) {
-            let path = setting.smoother.smooth(&track, fit, N);
-            paths.extend(around(setting, &track, path, part, fit.relative_error));
+        let own = Family::that_has(best.fit.motion);
+        let others = [(own.other(), 0.0), (Family::Velocity, ROUGH.ln() / PRIOR)];
+        for (family, rise) in others.into_iter().filter(|_| part != Part::Last) {
+            let fit = setting.smoother.of(family, &track, best.fit.motion, least);
+            if let Some(fit) = fit.filter(|fit| fit.relative_error < WELL_KNOWN) {
+                let path = setting.smoother.smooth(&track, fit, N);
+                let found = around(setting, &track, path, part, fit.relative_error);
+                paths.extend(found.into_iter().map(|(path, own)| (path, own + rise)));
+            }
         }
         return Ok(paths);
     }

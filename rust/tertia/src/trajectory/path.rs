@@ -7,7 +7,7 @@ use crate::base::small::{Matrix, Vector};
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
     Family, Noise, Part, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace,
-    likeliest, likeliest_other, likeliest_part, likelihood, relative_error, smooth,
+    add_unresolved, likeliest, likeliest_of, likeliest_part, likelihood, relative_error, smooth,
 };
 
 /// Ratio of a variance to the variance that remains with later instants, beyond which the quick smoother is
@@ -128,17 +128,17 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         if top > least { ProcessNoiseFit { motion, relative_error: f64::NAN } } else { fit }
     }
 
-    /// Returns the likeliest motion of the other family with its error, if its log-likelihood is at least
-    /// `least`.
-    pub fn other(
+    /// Returns the likeliest motion of another family with its error, if its log-likelihood is at least `least`.
+    pub fn of(
         &mut self,
+        family: Family,
         track: &Track<'_>,
         motion: ProcessNoise,
         least: f64,
     ) -> Option<ProcessNoiseFit> {
         let last_axis = motion.last_axis;
         let value = &mut |motion| self.likelihood(track, ProcessNoise { last_axis, ..motion });
-        let (mut fit, top) = likeliest_other(track, motion, least, value)?;
+        let (mut fit, top) = likeliest_of(family, track, motion, least, value)?;
         fit.motion.last_axis = last_axis;
         (top >= least).then(|| self.with_error(track, fit))
     }
@@ -182,6 +182,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
             loss: LOSS,
         };
         if let Some(summary) = self.quick.smooth(track, fit.motion, &mut out) {
+            add_unresolved(track, fit.motion, components, &mut covariance);
             return Path { mean, covariance, fit, summary };
         }
         self.whole.resize(n * N * N, 0.0);
