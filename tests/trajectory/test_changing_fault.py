@@ -393,3 +393,40 @@ class TestRepeats:
         own = [Station(place, azimuth_sigma=np.radians(5.0)) for place in places]
         track = reconstruct(own, TIME, azimuth=np.radians(azimuth))
         assert not track.outlier.azimuth[2::50, 1].any()
+
+
+def changing(seed, part):
+    """Return receivers, times of arrival of which the third are late by 20 sigmas there, a path."""
+    places, path, ranges = scene(seed, 4)
+    ranges[part, 2] += 20 * SIGMA
+    receivers = [Station(place, arrival_time_sigma=SIGMA / LIGHT) for place in places]
+    return receivers, TIME[:, np.newaxis] + ranges / LIGHT, path
+
+
+def test_a_receiver_that_is_wrong_from_some_time_on_is_found_from_the_path():
+    """One measurement is redundant, so any other receiver could be left out instead."""
+    errors, shares, found = [], [], []
+    for seed in range(6):
+        receivers, arrival, path = changing(seed, slice(50, None))
+        track = reconstruct(receivers, TIME, arrival_time=arrival)
+        rmse, share = quality(track, path)
+        errors.append(rmse)
+        shares.append(share)
+        left_out = track.outlier.arrival_time
+        found.append(np.mean(left_out[50:, 2]) > 0.95 and np.mean(left_out[:50]) < 0.05)
+    assert np.mean(found) > 0.8
+    assert np.median(errors) < 10.0
+    assert np.median(shares) > 0.85
+
+
+def test_a_receiver_that_is_wrong_for_a_while_is_used_before_and_after():
+    found = []
+    for seed in range(4):
+        receivers, arrival, _ = changing(20 + seed, slice(30, 70))
+        track = reconstruct(receivers, TIME, arrival_time=arrival)
+        left_out = track.outlier.arrival_time[:, 2]
+        found.append(
+            np.mean(left_out[30:70]) > 0.9
+            and np.mean(left_out[[*range(28), *range(72, 100)]]) < 0.1
+        )
+    assert np.mean(found) > 0.7

@@ -20,6 +20,13 @@ _CONTRADICTED = 0.25
 _MOST = 0.5
 # the same, if errors of clocks are estimated: if clocks have not been found, about as many
 _MOST_TIMED = 0.1
+# least number of instants of a part in which stations are left out in turn, share of the instants
+# with outliers from which it is one station, and most measurements with few redundant ones
+_PART = 20
+_ONE = 0.9
+_FEW = 5
+# share of the outliers that are followed by another one of the same station: more than of faults
+_LASTING = 0.7
 _BEHIND = (
     "no path above the stations fits the measurements: the path is below them; give initial to "
     "choose the side"
@@ -44,6 +51,11 @@ _FIRST = (
     "follows from the differences between the other stations; check the clock and the position of "
     "the first station"
 )
+_IN_TURN = (
+    "at most of the instants {} to {}, measurements contradict the path, of one station and then "
+    "of another: few measurements are redundant, so it cannot be told which station is wrong, and "
+    "the path may be wrong by more than its sigmas; leave out the station that may be wrong there"
+)
 _KIND = (
     "all measurements of {} contradict the others and are left out: check their sign, unit and "
     "reference"
@@ -60,6 +72,7 @@ def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = Fal
         warnings.warn(_FIRST, UserWarning, stacklevel=3)
         return
     _warn_of_kinds(found["outlier"], values)
+    _warn_if_in_turn(found["outlier"], values)
     _warn_if_few_agree(found["outlier"], values, timed=timed)
 
 
@@ -81,6 +94,28 @@ def _contradicts_first(outlier: BoolArray, values: FloatArray) -> bool:
         return False
     # only the core marks the column of the first station, which has no differences
     return int(np.count_nonzero(outlier[:, at, 0])) > _MOST * int(np.count_nonzero(known))
+
+
+def _warn_if_in_turn(outlier: BoolArray, values: FloatArray) -> None:
+    """Warn of a long part of the record in which stations are left out in turn."""
+    judged = np.isfinite(values) & ~_repeats(values)
+    known = np.flatnonzero(judged.any(axis=(1, 2)))
+    wrong = (outlier & judged)[known].reshape(len(known), -1)
+    sums = np.concatenate([[0.0], np.cumsum(wrong.any(axis=-1) - 0.5)])
+    # the part in which more than half of the instants have outliers by the largest number
+    rise = sums - np.minimum.accumulate(sums)
+    end = int(np.argmax(rise))
+    start = int(np.argmin(sums[: end + 1]))
+    counts = wrong[start:end].sum(axis=0)
+    redundant = judged[known].sum(axis=(1, 2))[start:end]
+    contradicted = np.count_nonzero(wrong[start:end].any(axis=-1))
+    if end - start < _PART or counts.max() > _ONE * contradicted:
+        return
+    part = wrong[start:end]
+    lasts = np.count_nonzero(part[1:] & part[:-1]) > _LASTING * np.count_nonzero(part)
+    if lasts and np.median(redundant) <= _FEW:
+        first, last = known[start], known[end - 1]
+        warnings.warn(_IN_TURN.format(first, last), UserWarning, stacklevel=4)
 
 
 def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:

@@ -29,6 +29,7 @@ mod mirror;
 mod mixture;
 mod motion;
 mod outliers;
+mod partly;
 mod path;
 mod prior;
 mod ranges;
@@ -143,7 +144,8 @@ fn without_wrong<const D: usize, const N: usize>(
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
     let Some(thinned) = Thinned::without_wrong::<D>(record, systematic) else {
-        return sought::<D, N>(record, jerk, systematic);
+        let solve = |record: &Record<'_>| sought::<D, N>(record, jerk, systematic);
+        return Ok(partly::without_wrong::<D, N>(record, solve(record)?, solve));
     };
     let found = sought::<D, N>(&thinned.record(record), jerk, systematic)?;
     Ok(thinned.restored::<D, N>(record, found))
@@ -282,6 +284,7 @@ fn completed<const D: usize, const N: usize>(
             innovation,
             summary: best.summary,
             fit: best.fit,
+            ln_spread: found.plots.ln_spread(D),
         }),
         mean: best.mean,
         outlier,

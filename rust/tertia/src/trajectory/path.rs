@@ -9,6 +9,7 @@ use crate::smoothing::{
     Family, Noise, Part, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace,
     add_unresolved, likeliest, likeliest_of, likeliest_part, likelihood, relative_error, smooth,
 };
+use nalgebra::DMatrix;
 
 /// Ratio of a variance to the variance that remains with later instants, beyond which the quick smoother is
 /// not accurate enough: up to this ratio, variances are correct to 1e-4.
@@ -54,6 +55,14 @@ impl Plots {
 
     pub fn count(&self, d: usize) -> usize {
         (0..self.position.len() / d).filter(|&t| self.is_known(t, d)).count()
+    }
+
+    /// Sum of half the ln of the determinants of the known covariances.
+    pub fn ln_spread(&self, d: usize) -> f64 {
+        let known =
+            self.covariance.chunks_exact(d * d).filter(|own| own.iter().all(|v| v.is_finite()));
+        let ln = |own: &[f64]| DMatrix::from_row_slice(d, d, own).determinant().ln();
+        0.5 * known.map(ln).sum::<f64>()
     }
 
     pub fn track<'a>(&self, time: &'a [f64], d: usize) -> Result<Track<'a>, Failure> {

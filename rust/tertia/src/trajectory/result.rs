@@ -53,6 +53,9 @@ pub struct Smoothed {
     pub innovation: Vec<f64>,
     /// Likelihood and number of positions.
     pub summary: Summary,
+    /// Sum of ln of the sizes of the ellipsoids of the positions; the likelihood of the measurements is larger
+    /// by this than that of the positions.
+    pub ln_spread: f64,
     /// The given or estimated motion.
     pub fit: ProcessNoiseFit,
 }
