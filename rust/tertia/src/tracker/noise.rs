@@ -198,9 +198,10 @@ impl Noise {
         if settings.geometry(plot.radar).is_position() {
             return self.saw_report(track, plot, settings);
         }
-        self.reports.saw_plot(plot.time);
+        let Radar { scan_period: period, position: origin, .. } = settings.radars[plot.radar];
+        let azimuth = (plot.position[0] - origin[0]).atan2(plot.position[1] - origin[1]);
+        self.reports.saw_plot(plot.time, azimuth, period);
         let place = (track % TRACKS) as usize;
-        let period = settings.radars[plot.radar].scan_period;
         if self.chains.is_empty() {
             self.chains = vec![Chain::default(); TRACKS as usize];
         }

@@ -9,7 +9,7 @@ use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
 use super::plot::Measured;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Number of tracks of a sensor that are used at the same time.
 const TRACKS: u64 = 64;
@@ -27,8 +27,10 @@ const SURE_CLOCK: f64 = 4.0;
 const STEPS: [f64; 7] = [10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1];
 const NEAR: f64 = 1e-6;
 const MOST_LASTING: f64 = 25.0;
-/// Number of different times in a scan from which on a radar turns, and least number of scans.
+/// Number of different times in a scan from which on a radar turns, least mean cosine of the changes of the
+/// angle between plots and its beam, and least number of scans.
 const TURNING: f64 = 2.5;
+const BEAM: f64 = 0.6;
 const FEWEST_SCANS: f64 = 5.0;
 /// Correlation of successive second differences of independent errors, and of random changes of the velocity;
 /// variances of the second differences of the former and of third differences of the latter, in those of the
@@ -64,6 +66,9 @@ struct Grid {
     count: f64,
     different: f64,
     is_off: [bool; STEPS.len()],
+    /// Angle of the last plot of a radar to its beam, and mean cosine of the changes of this angle.
+    angle: f64,
+    beam: f64,
 }
 
 impl Grid {
@@ -79,6 +84,13 @@ impl Grid {
         }
     }
 
+    /// Compares the azimuth of a plot of a radar with its beam, which turns once in a period.
+    fn saw_beam(&mut self, time: f64, azimuth: f64, period: f64) {
+        let angle = azimuth - TAU * (time / period).fract();
+        self.beam += ((angle - self.angle).cos() - self.beam) / self.count;
+        self.angle = angle;
+    }
+
     /// The largest step of which all times are multiples, s; 0 if there is none.
     fn step(&self) -> f64 {
         let mut steps = STEPS.into_iter().zip(self.is_off);
@@ -91,10 +103,11 @@ impl Grid {
     }
 
     /// Quality of a radar with this scan period. Its beam turns, so that its plots come at all times: if they
-    /// do not, their times are rounded. If plots come only once in a scan, they have no times of their own.
+    /// do not, their times are rounded. If plots come only once in a scan, or at times that have nothing to do
+    /// with the beam, nothing is concluded.
     fn of_radar(&self, period: f64) -> Quality {
         let (step, duration) = (self.step(), self.last - self.first.unwrap_or(self.last));
-        let is_turning = self.different * period > TURNING * duration;
+        let is_turning = self.different * period > TURNING * duration && self.beam > BEAM;
         if self.count < ENOUGH || !is_turning || duration < FEWEST_SCANS * period {
             return Quality::default();
         }
@@ -245,9 +258,10 @@ impl Reports {
         is_known.then(|| self.across.level.exp() * self.products[0].share())
     }
 
-    /// Learns from a plot of a radar.
-    pub fn saw_plot(&mut self, time: f64) {
+    /// Learns from a plot of a radar at this azimuth, with this scan period.
+    pub fn saw_plot(&mut self, time: f64, azimuth: f64, period: f64) {
         self.grid.saw(time);
+        self.grid.saw_beam(time, azimuth, period);
     }
 
     /// What is significant of the estimates; `period` is that of a radar.
@@ -286,7 +300,6 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
-    use std::f64::consts::TAU;
 
     fn normal(random: &mut Random) -> f64 {
         (-2.0 * (1.0 - random.uniform()).ln()).sqrt() * (TAU * random.uniform()).cos()
@@ -353,8 +366,8 @@ mod tests {
         let radar = |period: f64, times: &dyn Fn(f64, f64) -> f64| {
             let mut found = Reports::default();
             for plot in 0..300 {
-                let (scan, azimuth) = (f64::from(plot / 10), f64::from(plot % 10) / 10.0);
-                found.saw_plot(times(scan, azimuth));
+                let (scan, turn) = (f64::from(plot / 10), f64::from(plot % 10) / 10.0);
+                found.saw_plot(times(scan, turn), TAU * turn, period);
             }
             found.quality(period)
         };
@@ -367,5 +380,9 @@ mod tests {
         // all plots of a scan at one time, and times that are not rounded
         assert_eq!(radar(4.0, &|scan, _| 4.0 * scan), Quality::default());
         assert_eq!(radar(4.0, &|scan, azimuth| 4.03 * (scan + azimuth)).clock, 0.0);
+        // not those of the beam
+        let others =
+            radar(4.0, &|scan, azimuth| 4.0 * scan + (30.0 * azimuth * azimuth).floor() % 4.0);
+        assert_eq!(others, Quality::default());
     }
 }
