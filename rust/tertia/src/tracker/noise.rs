@@ -199,8 +199,10 @@ impl Noise {
             return self.saw_report(track, plot, settings);
         }
         let Radar { scan_period: period, position: origin, .. } = settings.radars[plot.radar];
-        let azimuth = (plot.position[0] - origin[0]).atan2(plot.position[1] - origin[1]);
-        self.reports.saw_plot(plot.time, azimuth, period);
+        if self.reports.may_be_rounded() {
+            let azimuth = (plot.position[0] - origin[0]).atan2(plot.position[1] - origin[1]);
+            self.reports.saw_plot(plot.time, azimuth, period);
+        }
         let place = (track % TRACKS) as usize;
         if self.chains.is_empty() {
             self.chains = vec![Chain::default(); TRACKS as usize];

@@ -72,7 +72,15 @@ struct Grid {
 }
 
 impl Grid {
+    /// Whether all times are multiples of any of these steps.
+    fn may_be_rounded(&self) -> bool {
+        self.is_off.contains(&false)
+    }
+
     fn saw(&mut self, time: f64) {
+        if !self.may_be_rounded() {
+            return;
+        }
         let since = time - *self.first.get_or_insert(time);
         self.count += 1.0;
         if self.different == 0.0 || time > self.last {
@@ -108,12 +116,12 @@ impl Grid {
     fn of_radar(&self, period: f64) -> Quality {
         let (step, duration) = (self.step(), self.last - self.first.unwrap_or(self.last));
         let is_turning = self.different * period > TURNING * duration && self.beam > BEAM;
-        if self.count < ENOUGH || !is_turning || duration < FEWEST_SCANS * period {
+        if step == 0.0 || self.count < ENOUGH || !is_turning || duration < FEWEST_SCANS * period {
             return Quality::default();
         }
         // the error of a target changes by this share of the step from scan to scan
         let (clock, change) = (self.variance(), (period / step).rem_euclid(1.0));
-        let correlation = if step > 0.0 { 1.0 - 6.0 * change * (1.0 - change) } else { 0.0 };
+        let correlation = 1.0 - 6.0 * change * (1.0 - change);
         Quality { ratio: 1.0, clock, lasting: clock * correlation.max(0.0) }
     }
 }
@@ -256,6 +264,11 @@ impl Reports {
     pub fn ratio(&self) -> Option<f64> {
         let is_known = self.across.count >= ENOUGH;
         is_known.then(|| self.across.level.exp() * self.products[0].share())
+    }
+
+    /// Whether the times may be rounded.
+    pub fn may_be_rounded(&self) -> bool {
+        self.grid.may_be_rounded()
     }
 
     /// Learns from a plot of a radar at this azimuth, with this scan period.
