@@ -182,15 +182,7 @@ def _offsets(
 ) -> FloatArray:
     """Return by how much targets are lower than assumed, and the variance of this, (tracks, 2)."""
     position, covariance, lifts = placed
-    columns = np.column_stack(
-        [
-            time,
-            position,
-            covariance[:, 0, 0],
-            covariance[:, 0, 1],
-            covariance[:, 1, 1],
-            lifts,
-        ]
-    )
+    upper = covariance[:, [0, 0, 1], [0, 1, 1]]
+    columns = np.column_stack([time, position, upper, lifts])
     before = np.concatenate([[0], np.cumsum(used)])
     return _core.height_offsets(before[first].tolist(), np.ascontiguousarray(columns[used]))
