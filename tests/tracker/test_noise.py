@@ -160,12 +160,11 @@ def test_plots_that_now_and_then_lack_a_height_are_no_noise():
     assert np.mean(factors) < 1.1
 
 
-@pytest.mark.parametrize(
-    ("options", "before"), [({"noise": 2.0}, 4.0), ({"correlation": 0.7}, 4.0), ({}, 0.9)]
-)
-def test_a_recording_is_smoothed_with_the_noise_that_it_has(options, before):
+@pytest.mark.parametrize("options", [{"noise": 2.0}, {"correlation": 0.7}, {}])
+def test_a_recording_is_smoothed_with_the_noise_that_it_has(options):
     plots, _, position = scene(**options)
     table = smooth_tracks(plots, [RADAR], track(plots, [RADAR]))
     off = table.position - position[table.plot]
     square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(table.covariance[:, :2, :2]), off) / 2
-    assert np.mean(square) < 1.25 < before + 0.4
+    # 3.1 and 3.5 with the noise that is stated
+    assert np.mean(square) < 1.25

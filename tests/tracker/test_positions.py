@@ -342,6 +342,19 @@ def test_reports_without_identities_may_come_more_often_than_stated(beside):
     assert figures[0] < 1.05 * figures[1]
 
 
+def test_targets_with_an_extent_may_report_more_often_than_stated():
+    plots, target, truth = drones(1)
+    figures = []
+    for interval in (1.0, 0.2):
+        sensor = PositionSensor(
+            position_sigma=0.5, update_interval=interval, target_extent=1.0, bias=Bias()
+        )
+        table = track(plots, [sensor], profile="drone")
+        table = table[table.plot >= 0]
+        figures.append(rms(table.position - truth(target[table.plot], table.time)))
+    assert figures[0] < 1.05 * figures[1]
+
+
 @pytest.mark.parametrize("late", [0.0, 0.2])
 def test_a_message_that_two_receivers_report_counts_once(late):
     random, time = np.random.default_rng(12), np.arange(0.0, 200.0)

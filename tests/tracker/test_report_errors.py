@@ -51,7 +51,7 @@ def inside(table, number, place):
 @pytest.mark.parametrize("estimate", [track, smooth_tracks])
 @pytest.mark.parametrize(("stated", "rounded"), [(SIGMA, False), (SIGMA / 3, False), (SIGMA, True)])
 def test_ellipses_contain_the_targets(estimate, stated, rounded):
-    # before, a third to a quarter of them where the sensor states too little, or times are rounded
+    # before, a sixth to a third of them where the sensor states too little, or times are rounded
     plots, sensors, number, place = reports(1, stated, rounded=rounded)
     table = estimate(plots, sensors)
     assert len(np.unique(table.track)) == TARGETS

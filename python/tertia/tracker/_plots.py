@@ -214,9 +214,10 @@ class Plots(Result):
     def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
         """Return the plots as positions in the plane, as used by the tracker.
 
-        Plots of radars on the earth (`Radar.frame`) are converted to the system plane. Plots
+        Plots of radars on the earth (`Radar.frame`) are converted to the system plane. Those
         without a height are assumed to be at the mean height of the other plots; the error of this
-        assumption is included in their covariances.
+        assumption is included in their covariances. In a flat plane, ranges of plots without a
+        height are taken as horizontal.
 
         Parameters
         ----------

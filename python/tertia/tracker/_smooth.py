@@ -237,8 +237,10 @@ def smooth_tracks(
     left out than by chance, sharper manoeuvres are tried, too. The cost is O(N) for
     N plots and times. States at the times of plots do not depend on additional times.
 
-    The covariances do not include the remaining systematic errors of the radars. If no plot of the
-    recording has a height, they do not include errors of heights either.
+    Plots have the noise that they show, if it is larger than stated. A track without any height is
+    at the height at which its radars agree. The covariances do not include the remaining systematic
+    errors of the radars. If no plot of the recording has a height, they do not include errors of
+    heights either.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 

@@ -253,17 +253,16 @@ impl Noise {
         };
     }
 
-    /// The same for a plot of a sensor that reports positions. Plots of targets that are larger than the
-    /// resolution of the sensor scatter for another reason.
+    /// The same for a plot of a sensor that reports positions. The scatter of plots of targets that are larger
+    /// than the resolution of the sensor says nothing about its noise.
     fn saw_report(&mut self, track: u64, plot: &Measured, settings: &Settings) {
         if let Some(age) = self.reports.age(track, plot.time) {
             self.interval.saw(age);
         }
-        if let Some(noise) =
-            plot.source.placed().filter(|_| settings.radars[plot.radar].extent == 0.0)
-        {
-            let stated = noise.scaled(1.0 / settings.quality(plot.radar).ratio);
-            self.reports.saw(track, plot, stated);
+        if let Some(noise) = plot.source.placed() {
+            let is_point = settings.radars[plot.radar].extent == 0.0;
+            let stated = if is_point { 1.0 / settings.quality(plot.radar).ratio } else { f64::NAN };
+            self.reports.saw(track, plot, noise.scaled(stated));
         }
     }
 

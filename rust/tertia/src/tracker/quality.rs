@@ -204,7 +204,8 @@ impl Reports {
             .map(|own| (time - own.times[0]).abs())
     }
 
-    /// Updates the estimates by a plot of a confirmed track, of which this is the stated covariance.
+    /// Updates the estimates by a plot of a confirmed track, of which this is the stated covariance; if it is
+    /// unknown, nan, only the time counts.
     pub fn saw(&mut self, track: u64, plot: &Measured, stated: Plane) {
         self.grid.saw(plot.time);
         if self.chains.is_empty() {
@@ -290,7 +291,7 @@ impl Reports {
     fn clock(&self) -> f64 {
         let across = self.across.level.exp();
         let (share, mut sums) = (self.products[1].share(), [0.0; 3]);
-        for Along { size, square } in self.along.iter().filter(|own| own.size.count > 0.0) {
+        for Along { size, square } in self.along.iter().filter(|own| own.square > 0.0) {
             let along = size.level.exp();
             let weight = size.count * (square / (along * SPREAD)).powi(2);
             let found = (along * share - across) / square;

@@ -1,16 +1,16 @@
 //! Tracks smoothed over all their plots, including later ones, by two filters with several models.
 //!
-//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- unknown`, and `spread`
+//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- parallax`, and `noise`
 
 mod flight;
 mod mixture;
 mod motion;
 mod movement;
+mod noise;
+mod parallax;
 mod passes;
 mod root;
-mod spread;
 mod two_filter;
-mod unknown;
 #[cfg(test)]
 mod vectors;
 mod vertical;
@@ -18,8 +18,8 @@ mod vertical;
 pub use flight::{SmoothedRow, Times, TrackPlot};
 pub use motion::Movement;
 pub use movement::Manoeuvre;
-pub use spread::{PlacedPlot, shown_covariances};
-pub use unknown::height_offset;
+pub use noise::{PlacedPlot, shown_covariances};
+pub use parallax::height_offset;
 
 use crate::association::gate::{self, GUARD};
 use crate::base::batch::for_each_row;
