@@ -23,6 +23,7 @@ from studies import (
     bearing,
     blind,
     boats,
+    changed_station,
     channels,
     charts,
     constant_errors,
@@ -313,6 +314,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "signal strengths": signal_strengths.signal_strengths,
     },
     "trajectory-systematic-errors.md": {
+        "changed station": changed_station.changed_station,
         "lasting": trajectory.lasting,
         "finders": trajectory.finders,
         "biases": trajectory.biases,
