@@ -326,3 +326,35 @@ def test_random_walks_with_outliers(step):
     rmse, inside = judged(found, truth)
     assert rmse < 1.8
     assert inside > 0.9
+
+
+def interleaved(bias, runs=40, seed=0):
+    """Plots of two sensors in turn, each precise in the direction in which the other one is not."""
+    truth = path(runs, q=1e-4, seed=seed)
+    covariance = np.tile(np.diag([9.0, 1.0]), (len(STEPS), 1, 1))
+    covariance[1::2] = np.diag([1.0, 9.0])
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    errors = rng(seed + 1).standard_normal(truth.shape)
+    biases = bias * rng(seed + 2).standard_normal((runs, 2, 2))
+    errors[:, ::2] += biases[:, :1]
+    errors[:, 1::2] += biases[:, 1:]
+    return truth, truth + sigma * errors, covariance
+
+
+def test_two_sensors_in_turn_with_systematic_errors():
+    truth, y, covariance = interleaved(1.0, runs=80)
+    found = smooth(y, np.broadcast_to(covariance, (*y.shape, 2)), time=STEPS)
+    rmse, held = judged(found, truth)
+    rmse_stated, held_stated = judged(smooth(y, covariance, time=STEPS, **STATED), truth)
+    assert np.all(found.correlation_time == 0)
+    assert rmse < 1.05 * rmse_stated
+    # where the two sensors happen to agree, nothing shows their errors
+    assert held > 0.75 > 0.4 > held_stated
+
+
+def test_two_sensors_in_turn_without_systematic_errors():
+    truth, y, covariance = interleaved(0.0)
+    found = smooth(y, np.broadcast_to(covariance, (*y.shape, 2)), time=STEPS)
+    rmse, held = judged(found, truth)
+    assert rmse < 1.03 * judged(smooth(y, covariance, time=STEPS, **STATED), truth)[0]
+    assert 0.92 < held < 0.98

@@ -10,6 +10,7 @@ mod expected;
 mod faults;
 mod fit;
 mod information;
+mod interleaved;
 mod lasting;
 mod model;
 mod motion;

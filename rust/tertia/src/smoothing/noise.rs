@@ -8,6 +8,7 @@
 use super::expected::Expected;
 use super::faults::{find_faults, find_rough_faults};
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
+use super::interleaved::Interleaved;
 use super::lasting::Found;
 use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
@@ -169,12 +170,17 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     let is_healthy = options.correlation_time.is_none_or(|time| time == 0.0)
         && faults != Faults::none(track)
         && search.is_healthy(&faults, near, expected);
+    let interleaved = Interleaved::find(track).filter(|_| options.correlation_time.is_none());
     let found = (&faults, is_rough);
-    let (candidates, weights) = candidates(&search, options, found, near, is_healthy);
+    let may_last = interleaved.is_none();
+    let (candidates, weights) = candidates(&search, options, found, near, (is_healthy, may_last));
     let known = (0..weights.len()).filter(|&i| weights[i] > 0.0);
     let most = known.max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
     let best = &candidates[most];
     average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
+    if let Some(sensors) = interleaved {
+        sensors.add_lasting_errors(track, &faults, out);
+    }
     outlier.copy_from_slice(&faults.gross);
     let motion = match options.jerk {
         Some(jerk) => ProcessNoise::with_jerk(jerk),
@@ -198,7 +204,7 @@ fn candidates<const M: usize, const N: usize>(
     options: &Options,
     (faults, may_be_rough): (&Faults, bool),
     near: Near,
-    is_healthy: bool,
+    (is_healthy, may_last): (bool, bool),
 ) -> (Vec<Candidate>, Vec<f64>) {
     let of = |scale| if options.robust && !is_healthy { scale } else { Scale::Stated };
     let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
@@ -228,7 +234,8 @@ fn candidates<const M: usize, const N: usize>(
     }
     let mut lasting = Vec::new();
     if !is_healthy {
-        lasting.extend(options.correlation_time.is_none().then_some(Quantity::Position));
+        let is_unknown = options.correlation_time.is_none();
+        lasting.extend((is_unknown && may_last).then_some(Quantity::Position));
         lasting.extend((has_velocities && options.robust).then_some(Quantity::Velocity));
     }
     let step = median_step(search.track);
