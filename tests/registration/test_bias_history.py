@@ -119,6 +119,7 @@ def test_tracks_are_smoothed_with_the_bias_of_their_time():
     rmse = {}
     for name, smoothed in (
         ("by itself", smooth_tracks(plots, radars(2))),
+        ("with tracks", smooth_tracks(plots, radars(2), track(plots, radars(2)))),
         ("registered", smooth_tracks(plots, radars(2), registration=found)),
         ("as at the end", smooth_tracks(plots, found.sensors, registration=False)),
     ):
@@ -127,6 +128,7 @@ def test_tracks_are_smoothed_with_the_bias_of_their_time():
         first = smoothed.time[here] < 0.45 * DURATION
         rmse[name] = np.sqrt(np.mean(off[first] ** 2))
     assert rmse["by itself"] < 30.0, rmse
+    assert rmse["with tracks"] < 30.0, rmse
     assert rmse["registered"] < 30.0, rmse
     assert rmse["as at the end"] > 60.0, rmse
 

@@ -325,6 +325,19 @@ def test_plots_that_waited_are_taken_at_their_own_times():
     assert_allclose(after.position, expected.position)
 
 
+def test_the_velocity_of_a_short_track_is_as_uncertain_as_its_plots():
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.5), scan_period=4.0)
+    time, squares = 4.0 * np.arange(3), []
+    for seed in range(40):
+        random = rng(seed)
+        azimuth = np.radians(0.5) * random.standard_normal(3)
+        plots = Plots(time, 2e5 + 200.0 * time, azimuth % (2 * np.pi), icao_address=[1, 1, 1])
+        row = smooth_tracks(plots, [radar], track(plots, [radar]), motion=CvModel(0.1))[-1:]
+        squares.append(row.velocity[0, 0] ** 2 / row.covariance[0, 2, 2])
+    # across the line of sight, plots of 1.7 km say more than any prior knowledge of the velocity
+    assert 0.6 < np.mean(squares) < 1.5
+
+
 def test_biases_are_subtracted():
     plots = turning(8)[3]
     biased = [replace(RADAR, bias=Bias(range=400.0, time=1.0))]

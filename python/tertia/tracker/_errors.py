@@ -149,8 +149,7 @@ def errors(
     sigma = columns_of(given, "_sigma") if sigma is None else sigma
     begin = mean if start is None else start
     begin = np.broadcast_to(begin, (len(edges) - 1, *mean.shape))
-    # a plot without a height is at the height of its track
-    plots = plots._replaced(height=tracks._columns.heights(plots.height, 0, 0))
+    plots = plots._replaced(height=_heights(plots, tracks))
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = in_plane(plots, sensors)[tracks.plot[rows]]
     (value, after, covariance, factor, redundancy), changes, _ = _core.register_errors(
@@ -171,6 +170,15 @@ def errors(
         factor=factor,
         redundancy=redundancy,
     )
+
+
+def _heights(plots: Plots, tracks: TrackTable) -> FloatArray:
+    """Return the heights of plots: those of their tracks where they have none."""
+    height: FloatArray = np.array(plots.height, dtype=float)
+    rows = np.flatnonzero(tracks.plot >= 0)
+    rows = rows[~np.isfinite(height[tracks.plot[rows]])]
+    height[tracks.plot[rows]] = tracks.height[rows]
+    return height
 
 
 def equal_periods(time: FloatArray, shortest: float, most: int) -> FloatArray:

@@ -203,8 +203,8 @@ def smooth_tracks(
         straight.
     registration : tertia.registration.Registration or False, optional
         A registration whose radars, with estimated noise, replace `sensors`, and whose biases over
-        time are removed. By default, if `tracks` is not given either, biases are estimated from the
-        plots as by `tertia.registration.register`. If it is False, biases are not estimated.
+        time are removed. By default, biases are estimated from the plots of the tracks as by
+        `tertia.registration.register`. If it is False, biases are not estimated.
     time : array_like of shape (T,), optional
         Additional times in seconds at which states are returned.
     every : float, optional
@@ -275,18 +275,14 @@ def smooth_tracks(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
             )
         better, sites = registration._removed(plots)
+    updates = _updates(tracks, plots)
+    if registration is None and is_registrable(sites):
+        seen = track(plots, sites, motion=motion) if tracks is None else tracks[updates]
+        better, sites = errors(plots, seen, sites).removed(plots, sites)
     if tracks is None:
-        if registration is None and is_registrable(sites):
-            known = errors(plots, track(plots, sites, motion=motion), sites)
-            better, sites = known.removed(plots, sites)
         plots, radars = better, sites
         tracks = track(plots, radars, motion=motion, registration=False)
-    instance(tracks, "tracks", TrackTable)
-    updates = np.flatnonzero(tracks.plot >= 0)
-    if len(updates) and np.max(tracks.plot[updates]) >= len(plots):
-        raise ValueError(
-            f"tracks has plot {np.max(tracks.plot[updates])}; there are {len(plots)} plots"
-        )
+        updates = _updates(tracks, plots)
     rows = _Rows.of(tracks, updates, (plots, radars), (better, sites))
     if interval is not None and np.sum(rows.spans) / interval > _MOST_STATES:
         raise ValueError(f"every is {interval}; that is more than {_MOST_STATES:,} states")
@@ -301,6 +297,19 @@ def smooth_tracks(
         n_threads=threads(n_threads),
     )
     return _smoothed(rows, *found)
+
+
+def _updates(tracks: TrackTable | None, plots: Plots) -> IntArray:
+    """Return the rows with plots, after a check that these exist."""
+    if tracks is None:
+        return np.zeros(0, np.int64)
+    instance(tracks, "tracks", TrackTable)
+    updates = np.flatnonzero(tracks.plot >= 0)
+    if len(updates) and np.max(tracks.plot[updates]) >= len(plots):
+        raise ValueError(
+            f"tracks has plot {np.max(tracks.plot[updates])}; there are {len(plots)} plots"
+        )
+    return updates
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,6 +361,7 @@ class _Rows:
                 spread[:, 0, 1],
                 spread[:, 1, 1],
                 corrected.height,
+                own.sensor,
             ]
         )
         return cls(

@@ -40,7 +40,7 @@ pub fn smooth_tracks<'py>(
     let movement = Movement::of(motion.core()).ok_or_else(|| {
         PyValueError::new_err("motion must be 'imm', 'cv', an ImmModel or a CvModel")
     })?;
-    let values = plots.points::<12>("plots", 1)?;
+    let values = plots.points::<13>("plots", 1)?;
     let used = used.as_slice()?;
     let in_order = first.is_sorted() && first.last() == Some(&values.len());
     if used.len() != values.len() || !in_order {
@@ -86,8 +86,9 @@ pub fn height_offsets<'py>(
         return Err(PyValueError::new_err("the columns of plots differ in length"));
     }
     let placed = |v: &[f64; 8]| {
-        let mut columns = [f64::NAN; 12];
+        let mut columns = [f64::NAN; 13];
         columns[..6].copy_from_slice(&v[..6]);
+        columns[12] = 0.0;
         plot(&columns, true)
     };
     let lifts: Vec<[f64; 2]> = values.iter().map(|v| [v[6], v[7]]).collect();
@@ -136,12 +137,13 @@ pub fn shown_covariances<'py>(
     array(py, &[found.len(), 6], found.iter().flatten().flat_map(numbers))
 }
 
-/// Creates a plot from time, east, north, their variances and covariance, the same of the velocity, and
-/// height.
-fn plot(values: &[f64; 12], used: bool) -> TrackPlot {
-    let &[time, x, y, xx, xy, yy, vx, vy, uu, uv, vv, height] = values;
+/// Creates a plot from time, east, north, their variances and covariance, the same of the velocity, height, and
+/// the index of the sensor.
+fn plot(values: &[f64; 13], used: bool) -> TrackPlot {
+    let &[time, x, y, xx, xy, yy, vx, vy, uu, uv, vv, height, sensor] = values;
     TrackPlot {
         time,
+        sensor: sensor as usize,
         position: [x, y],
         covariance: Plane { xx, xy, yy },
         velocity: [vx, vy],

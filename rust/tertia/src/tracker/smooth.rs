@@ -1,7 +1,8 @@
 //! Tracks smoothed over all their plots, including later ones, by two filters with several models.
 //!
-//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- parallax`, and `noise`
+//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- contradiction, parallax`, and `noise`
 
+mod contradiction;
 mod flight;
 mod mixture;
 mod motion;
@@ -47,6 +48,7 @@ pub fn smooth_tracks(
     let mut rows = vec![Vec::new(); tracks.len()];
     let work = |(): &mut (), (track, out): (&&[TrackPlot], &mut Vec<SmoothedRow>)| {
         *out = flight::smooth(movement, track, times, guard);
+        contradiction::add_contradictions(track, out);
         Ok(())
     };
     let items = tracks.iter().zip(&mut rows);

@@ -30,6 +30,8 @@ const MANY: f64 = 0.05;
 pub struct TrackPlot {
     /// Time, s.
     pub time: f64,
+    /// Index of its sensor.
+    pub sensor: usize,
     /// East and north, m.
     pub position: [f64; 2],
     /// Covariance of the position, m².

@@ -28,6 +28,9 @@ pub(super) const OWN: usize = 4;
 /// Standard deviation of an unknown position, m, and of an unknown velocity, m/s. The weight of
 /// such a state is negligible: a millionth of that of a plot.
 const UNKNOWN: [f64; 2] = [30e3, 300.0];
+/// Least variance of an unknown velocity relative to that of the estimate about which it is, because this
+/// estimate and the filter use the same plots.
+const VAGUE: f64 = 100.0;
 /// Time for which accelerations are stated as constant, s.
 const CONSTANT: f64 = 4.0;
 /// Speed below which the course of a target is not linearised, m/s.
@@ -147,9 +150,11 @@ impl Models<STATES, MODELS> for Movement {
         self.stationary
     }
 
-    fn unknown(&self, near: &Vector<STATES>) -> State<STATES> {
+    fn unknown(&self, near: &State<STATES>) -> State<STATES> {
         let [p, v] = UNKNOWN.map(|sigma| sigma * sigma);
-        State::new([near[0], near[1], near[2], near[3], 0.0], [p, p, v, v, 0.0])
+        let [u, v] = [2, 3].map(|i| v.max(VAGUE * near.covariance[i][i]));
+        let [x, y, vx, vy, _] = near.mean;
+        State::new([x, y, vx, vy, 0.0], [p, p, u, v, 0.0])
     }
 }
 

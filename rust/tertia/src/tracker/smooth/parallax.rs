@@ -76,6 +76,7 @@ mod tests {
             let ground = (range * range - assumed * assumed).sqrt();
             let direction = [east, north].map(|x| x / east.hypot(north));
             let plot = TrackPlot {
+                sensor: 0,
                 time,
                 position: [0, 1].map(|i| radar[i] + ground * direction[i]),
                 covariance: Plane { xx: 400.0, xy: 0.0, yy: 900.0 },

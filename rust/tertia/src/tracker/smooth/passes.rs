@@ -204,24 +204,28 @@ impl<const D: usize> Plan<D> {
         plan
     }
 
-    /// The first measurement, with rates by least squares from those that follow.
-    fn beginning<const N: usize>(&self) -> Option<Vector<N>> {
+    /// The first measurement, with rates by least squares from those that follow, and their variances.
+    fn beginning<const N: usize>(&self) -> Option<State<N>> {
         let first = self.instants.first()?;
-        let origin = self.fixes[first.first].value;
-        let (mut products, mut square) = ([0.0; D], 0.0);
+        let origin = &self.fixes[first.first];
+        let (mut products, mut sum, mut square) = ([0.0; D], 0.0, 0.0);
         for (k, instant) in self.instants.iter().enumerate().skip(1) {
             let t = instant.time - first.time;
             if k > 1 && t > BEGINNING {
                 break;
             }
             let value = self.fixes[instant.first].value;
-            (0..D).for_each(|d| products[d] += t * (value[d] - origin[d]));
-            square += t * t;
+            (0..D).for_each(|d| products[d] += t * (value[d] - origin.value[d]));
+            (sum, square) = (sum + t, square + t * t);
         }
-        let mut near = [0.0; N];
-        near[..D].copy_from_slice(&origin);
+        let mut near = State::new([0.0; N], [0.0; N]);
+        near.mean[..D].copy_from_slice(&origin.value);
         if square > 0.0 {
-            (0..D).for_each(|d| near[D + d] = products[d] / square);
+            let variance = 1.0 / square + (sum / square).powi(2);
+            for d in 0..D {
+                near.mean[D + d] = products[d] / square;
+                near.covariance[D + d][D + d] = variance * origin.covariance[d][d];
+            }
         }
         Some(near)
     }

@@ -31,10 +31,10 @@ pub(super) trait Models<const N: usize, const M: usize> {
     fn stationary(&self) -> [f64; M];
 
     /// A state about `near` that contains no information but what all targets have in common.
-    fn unknown(&self, near: &Vector<N>) -> State<N>;
+    fn unknown(&self, near: &State<N>) -> State<N>;
 
     /// Models with these probabilities, about whose states nothing is known.
-    fn begin(&self, near: &Vector<N>, probability: [f64; M]) -> Mixture<N, M> {
+    fn begin(&self, near: &State<N>, probability: [f64; M]) -> Mixture<N, M> {
         self.start(self.unknown(near), probability)
     }
 
@@ -93,7 +93,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         let (forward, changes) = self.forward(start);
         let filtered = self.corrected(&forward[last], last);
         each(Place::At(last), &forward[last], &filtered);
-        let near = filtered.moments().reversed(&L::SIGNS).mean;
+        let near = filtered.moments().reversed(&L::SIGNS);
         // backwards, probabilities are likelihoods, which are equal without measurements
         let present = self.models.stationary().map(|p| if p > 0.0 { 1.0 } else { 0.0 });
         let mut backward = self.models.begin(&near, present);

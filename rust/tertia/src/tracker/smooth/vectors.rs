@@ -142,7 +142,7 @@ fn heights_of_a_climb() {
     let instants: Vec<_> =
         (0..10).map(|k| Instant { time: 4.0 * k as f64, first: k, end: k + 1 }).collect();
     let filter = TwoFilter { models: &models, instants: &instants, fixes: &fixes };
-    let start = models.begin(&[HEIGHTS[0], 0.0], [0.5; 2]);
+    let start = models.begin(&State::new([HEIGHTS[0], 0.0], [0.0; 2]), [0.5; 2]);
     let mut at = [start; 10];
     filter.run(start, &[], |place, _, with| {
         if let Place::At(k) = place {

@@ -65,7 +65,7 @@ impl Models<2, MODELS> for Vertical {
         [level / (level + climb), climb / (level + climb)]
     }
 
-    fn unknown(&self, near: &Vector<2>) -> State<2> {
-        State::new([near[0], 0.0], [UNKNOWN.powi(2), CLIMB_SIGMA.powi(2)])
+    fn unknown(&self, near: &State<2>) -> State<2> {
+        State::new([near.mean[0], 0.0], [UNKNOWN.powi(2), CLIMB_SIGMA.powi(2)])
     }
 }
