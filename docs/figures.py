@@ -188,6 +188,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "audit.md": {
         "intervals": audit.intervals,
+        "groups": audit.groups,
         "other errors": audit.other_errors,
         "verdicts": audit.verdicts,
     },

@@ -1,20 +1,26 @@
 """The tables and the picture of the page on audits."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from studies.honesty import IntArray
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import audit, plot
 
 TRIALS = 400
 SIZES = ((1, 200), (1, 1000), (5, 200), (40, 50))
+# a record whose rows are as many groups
+INDEPENDENT = (1000, 1)
 CORRELATIONS = (0.0, 0.5, 0.8, 0.9, 0.95)
 # the variance is twice what is claimed, so that 77.6 % of 95 % regions of two axes hold the truth
 EXCESS = 2.0
 BLOCK, PERIOD, WINDOW = 25, 150.0, 60
+# of each group with an error in common
+ROWS = 100
 
 
 def autoregressive(
@@ -28,30 +34,61 @@ def autoregressive(
     return errors
 
 
+def cell(
+    draw: Callable[[], FloatArray],
+    variance: float,
+    true: tuple[float, float, float],
+    groups: IntArray | None = None,
+) -> str:
+    """Return how often intervals of NEES, coverage and scale hold the true figures."""
+    held, number, count = np.zeros(3), 0.0, repetitions(TRIALS)
+    for _ in range(count):
+        found = audit(draw(), variance, groups=groups, probability=[0.95])
+        figures = (found.nees, found.coverage[0.95], found.scale[0.95])
+        held += [one.low <= t <= one.high for one, t in zip(figures, true, strict=True)]
+        number += found.effective_number
+    shares = " ".join(f"{share:.3f}" for share in held / count)
+    return f"{shares} ({number / count:.0f})"
+
+
 def intervals() -> str:
-    """Return how often intervals of NEES, coverage and scale hold the true figure."""
+    """Return this for errors that last, also if all rows are treated as independent."""
     rows = []
-    inside = 1 - 0.05 ** (1 / EXCESS)
+    true = (EXCESS, 1 - 0.05 ** (1 / EXCESS), EXCESS)
     for correlation in CORRELATIONS:
         cells = []
-        for series, steps in SIZES:
+        for series, steps in (*SIZES, INDEPENDENT):
             rng = generator(90, series, steps, round(100 * correlation))
             groups = np.repeat(np.arange(series), steps)
-            held, number, count = np.zeros(3), 0.0, repetitions(TRIALS)
-            for _ in range(count):
-                error = autoregressive(correlation, (series, steps), rng).reshape(-1, 2)
-                found = audit(np.sqrt(EXCESS) * error, 1.0, groups=groups, probability=[0.95])
-                figures = (found.nees, found.coverage[0.95], found.scale[0.95])
-                held += [
-                    one.low <= true <= one.high
-                    for one, true in zip(figures, (EXCESS, inside, EXCESS), strict=True)
-                ]
-                number += found.effective_number
-            shares = " ".join(f"{share:.3f}" for share in held / count)
-            cells.append(f"{shares} ({number / count:.0f})")
+            shape = (1, series) if steps == 1 else (series, steps)
+            draw = partial(_lasting, correlation, shape, rng)
+            cells.append(cell(draw, 1.0, true, groups))
         rows.append([f"{correlation:g}", *cells])
     head = ["correlation", *(f"{series} × {steps}" for series, steps in SIZES)]
-    return markdown(head, rows)
+    return markdown([*head, f"1 × {INDEPENDENT[0]}, as if independent"], rows)
+
+
+def _lasting(correlation: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+    errors = np.sqrt(EXCESS) * autoregressive(correlation, shape, rng)
+    return np.asarray(errors.reshape(-1, 2))
+
+
+def groups() -> str:
+    """Return this for groups that have an error in common, by its size over the noise."""
+    rows = []
+    for count in (3, 5, 10, 20, 40):
+        cells = []
+        for size in (0.0, 1.0, 3.0):
+            labels = np.repeat(np.arange(count), ROWS)
+            draw = partial(_shared, size, labels, generator(96, count, int(size)))
+            cells.append(cell(draw, 1 + size**2, (1.0, 0.95, 1.0), labels))
+        rows.append([f"{count} × {ROWS}", *cells])
+    return markdown(["groups × rows", "no common error", "as large as the noise", "3 times"], rows)
+
+
+def _shared(size: float, labels: IntArray, rng: np.random.Generator) -> FloatArray:
+    common = size * rng.standard_normal((labels[-1] + 1, 2))
+    return np.asarray(common[labels] + rng.standard_normal((len(labels), 2)))
 
 
 def stops(steps: int, rng: np.random.Generator) -> FloatArray:
@@ -110,15 +147,7 @@ def other_errors() -> str:
         )
         cells = []
         for steps in (200, 1000):
-            rng = generator(92, k, steps)
-            held, number, count = np.zeros(3), 0.0, repetitions(TRIALS)
-            for _ in range(count):
-                found = audit(draw(steps, rng), 1.0, probability=[0.95])
-                figures = (found.nees, found.coverage[0.95], found.scale[0.95])
-                held += [one.low <= t <= one.high for one, t in zip(figures, true, strict=True)]
-                number += found.effective_number
-            shares = " ".join(f"{share:.3f}" for share in held / count)
-            cells.append(f"{shares} ({number / count:.0f})")
+            cells.append(cell(partial(draw, steps, generator(92, k, steps)), 1.0, true))
         rows.append([name, *cells])
     return markdown(["errors", "200", "1000"], rows)
 
