@@ -219,6 +219,22 @@ def coverage() -> str:
     )
 
 
+def single_instant() -> str:
+    """Tell how often the ellipses of single instants hold the target, by degrees of freedom."""
+    cases = {"as stated": "white", "twice as large": "sigma × ½"}
+    rows = []
+    for count in (3, 4, 8):
+        cells = [f"{count} bearings", str(count - 2)]
+        for case in cases.values():
+            for options in ({}, {"bias": Bias()}):
+                draw = honesty.Draw(case, generator(50, count, case == "white"))
+                held = inside(np.array(FINDERS[:count], float), ("azimuth",), 1, **options)(draw)
+                cells.append(f"{np.mean(held):.0%}")
+        rows.append(cells)
+    head = [f"errors {name}{said}" for name in cases for said in ("", ", `bias=Bias()`")]
+    return markdown(["measurements", "degrees of freedom", *head], rows)
+
+
 def inside(
     places: FloatArray, kinds: Sequence[Kind], batch: int, **options: Any
 ) -> Callable[[honesty.Draw], BoolArray]:
