@@ -66,6 +66,7 @@ from studies import (
     screening,
     sea_clutter,
     seams,
+    series_errors,
     sides,
     signal_strengths,
     smooth_tracks,
@@ -216,7 +217,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "history": registration_history.table,
         "recordings": registration_recordings.table,
     },
-    "fusion.md": {"constant errors": honest_series.constant_errors},
+    "fusion.md": {
+        "stuck": series_errors.stuck,
+        "constant errors": honest_series.constant_errors,
+        "slow errors": series_errors.slow,
+    },
     "fusion-accuracy.md": {
         "rmse": fusion.rmse,
         "fault windows": fusion.fault_windows,
