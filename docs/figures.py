@@ -83,6 +83,7 @@ from studies import (
     unstated,
     velocities,
     vertical,
+    walkers,
     weights,
 )
 from studies.pages import save, write
@@ -321,6 +322,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "vertical": vertical.vertical,
         "repeated": one_wrong.repeated,
         "signal strengths": signal_strengths.signal_strengths,
+        "walkers": walkers.reconstructed,
     },
     "trajectory-systematic-errors.md": {
         "changed station": changed_station.changed_station,
@@ -341,6 +343,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "smoothing.md": {
         "noise": honest_series.noise,
         "motions": honest_series.motions,
+        "walkers": walkers.smoothed,
         "velocities": velocities.velocities,
         "degree coverage": smoothing.degree_coverage,
         "degrees chosen": smoothing.degrees_chosen,
