@@ -72,6 +72,7 @@ from studies import (
     smooth_tracks,
     smoothing,
     speed_changes,
+    stated_errors,
     station_clocks,
     tasks,
     tertiary,
@@ -332,6 +333,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "one wrong": one_wrong.one_wrong,
         "changing errors": one_wrong.changing,
         "constant errors": constant_errors.table,
+        "stated errors": stated_errors.stated_errors,
         "station clocks": station_clocks.station_clocks,
     },
     "trajectory-paper.md": {
