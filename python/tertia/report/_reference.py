@@ -49,7 +49,9 @@ def versus_others(
     plots, sensors = registration._removed(plots)
     found = []
     for k, name in enumerate(radars):
-        others = tracker.smooth_tracks(plots, sensors, joint, motion=smooth, exclude=k)
+        others = tracker.smooth_tracks(
+            plots, sensors, joint, motion=smooth, registration=False, exclude=k
+        )
         others = others[(others.sensor == k) & (others.gap <= _MOST_GAP)]
         own = single[k][(single[k].plot >= 0) & single[k].confirmed]
         _, here, there = np.intersect1d(own.plot, others.plot, return_indices=True)

@@ -39,6 +39,7 @@ from tertia.tracker._placement import placed
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
 from tertia.tracker._sensors import interval, velocities_of
+from tertia.tracker._systematic import Placed, systematic
 from tertia.tracker._table import TrackTable
 from tertia.tracker._tracker import track
 
@@ -267,7 +268,7 @@ def smooth_tracks(
     instants = np.unique(finite(samples(time, "time"), "time"))
     interval = None if every is None else positive_number(every, "every")
     sites: Sequence[_Sensor] = radars
-    better = plots
+    better, unknown = plots, None
     if registration is not None and registration is not False:
         sites = _sensors_of(getattr(registration, "sensors", None), "registration.sensors")
         if len(sites) != len(radars):
@@ -275,15 +276,17 @@ def smooth_tracks(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
             )
         better, sites = registration._removed(plots)
+        unknown = registration.covariance
     updates = _updates(tracks, plots)
     if registration is None and is_registrable(sites):
         seen = track(plots, sites, motion=motion) if tracks is None else tracks[updates]
-        better, sites = errors(plots, seen, sites).removed(plots, sites)
+        known = errors(plots, seen, sites)
+        (better, sites), unknown = known.removed(plots, sites), known.covariance
     if tracks is None:
         plots, radars = better, sites
         tracks = track(plots, radars, motion=motion, registration=False)
         updates = _updates(tracks, plots)
-    rows = _Rows.of(tracks, updates, (plots, radars), (better, sites))
+    rows = _Rows.of(tracks, updates, (plots, radars), (better, sites), unknown)
     if interval is not None and np.sum(rows.spans) / interval > _MOST_STATES:
         raise ValueError(f"every is {interval}; that is more than {_MOST_STATES:,} states")
     used = np.ones(len(rows.plot), bool) if excluded is None else rows.sensor != excluded
@@ -334,8 +337,13 @@ class _Rows:
         rows: IntArray,
         tracked: tuple[Plots, Sequence[_Sensor]],
         smoothed: tuple[Plots, Sequence[_Sensor]],
+        unknown: FloatArray | None,
     ) -> _Rows:
-        """Sort the plots of these rows, as they were tracked and as they are smoothed."""
+        """Sort the plots of these rows, as they were tracked and as they are smoothed.
+
+        `unknown` is the covariance of the systematic errors that are left; none if they are not
+        included.
+        """
         (plots, radars), (better, sites) = tracked, smoothed
         own = plots[tracks.plot[rows]]
         corrected = own_biases(sites).correct(better[tracks.plot[rows]])
@@ -349,6 +357,10 @@ class _Rows:
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
         numbers, first = np.unique(number[order], return_index=True)
+        if unknown is not None:
+            path = tracks.velocity[rows]
+            parts = (own.sensor, number, time, position, covariance, path)
+            shared[order] += systematic(Placed(*(one[order] for one in parts)), sites, unknown)
         columns = np.column_stack(
             [
                 time,

@@ -45,6 +45,8 @@ pub(super) struct Course<'a> {
     pub middles: &'a [f64],
     pub rates: &'a [f64],
     pub own: &'a [Vec<usize>],
+    /// Changes that are known: the first period after each, and the radar.
+    pub changes: &'a [(usize, usize)],
 }
 
 /// Estimates of the errors in each period, for one rate of drift.
@@ -61,7 +63,7 @@ impl History {
     /// Estimates the errors from the information of each period. Cost O(T q³) for T periods and q errors, and
     /// again for each change.
     pub fn new(said: &[Said], course: &Course<'_>) -> Self {
-        let mut changes = Vec::new();
+        let mut changes = course.changes.to_vec();
         loop {
             let tried = course.tried(said, &changes);
             let likeliest = tried.iter().max_by(|a, b| a.0.total_cmp(&b.0));

@@ -15,6 +15,9 @@ use nalgebra::{DMatrix, DVector};
 /// Number of redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
+/// Errors exceed their prior distribution if the sum of their squares, in units of the prior, is larger than
+/// these multiples of 1 and of its expectation: this happens by chance in one case in a thousand.
+const CONTRADICTED: [f64; 2] = [9.0, 2.2];
 /// Sudden changes that the first round allows for, in standard deviations of the prior.
 const FIRST: f64 = 10.0;
 
@@ -58,8 +61,9 @@ pub struct Periods<'a> {
 }
 
 /// Estimates the errors of radars from blocks of plots of one target. Ranges of a radar may be `slant` if no
-/// height is known. Errors that no block depends on keep their prior. Cost O(N log N + N K² + T K³) for N
-/// plots and T periods.
+/// height is known. Errors that no block depends on keep their prior. If errors of one kind are clearly larger
+/// than their prior, those that cannot be observed are so, too: the prior is as large as the errors found, and
+/// they are estimated again. Cost O(N log N + N K² + T K³) for N plots and T periods.
 ///
 /// # Panics
 /// If there is no period, the radar of a plot does not exist, or the lengths differ.
@@ -68,7 +72,44 @@ pub fn register(
     radars: &[Radar],
     slant: &[bool],
     prior: Prior<'_>,
+    periods: Periods<'_>,
+) -> Registered {
+    let found = estimate(plots, (radars, slant), prior, periods, &[]);
+    match exceeded(&found, prior) {
+        Some(sigma) => {
+            let prior = Prior { sigma: &sigma, ..prior };
+            estimate(plots, (radars, slant), prior, periods, &found.changes)
+        }
+        None => found,
+    }
+}
+
+/// Returns standard deviations of the prior as large as the errors, if these are clearly larger.
+fn exceeded(found: &Registered, prior: Prior<'_>) -> Option<Vec<Errors>> {
+    let mut sigma = prior.sigma.to_vec();
+    for j in 0..ERRORS {
+        let mut factor: f64 = 1.0;
+        for (errors, sigmas) in found.errors.iter().zip(&found.sigmas) {
+            let (mut squares, mut expected) = (0.0, 0.0);
+            for (k, own) in prior.sigma.iter().enumerate().filter(|(_, own)| own[j] > 0.0) {
+                squares += ((errors[k][j] - prior.mean[k][j]) / own[j]).powi(2);
+                expected += 1.0 - (sigmas[k][j] / own[j]).powi(2).min(1.0);
+            }
+            if squares > CONTRADICTED[0] + CONTRADICTED[1] * expected {
+                factor = factor.max((squares / expected.max(0.5)).sqrt());
+            }
+        }
+        sigma.iter_mut().for_each(|own| own[j] *= factor);
+    }
+    (sigma != prior.sigma).then_some(sigma)
+}
+
+fn estimate(
+    plots: &[TargetPlot],
+    (radars, slant): (&[Radar], &[bool]),
+    prior: Prior<'_>,
     Periods { edges, start }: Periods<'_>,
+    changes: &[(usize, usize)],
 ) -> Registered {
     assert_eq!(start.len() + 1, edges.len());
     assert!(!start.is_empty() && start.iter().all(|own| own.len() == radars.len()));
@@ -82,7 +123,7 @@ pub fn register(
         rates[column] = prior.rate[k][j];
         own[k].push(column);
     });
-    let course = Course { middles: &middles, rates: &rates, own: &own };
+    let course = Course { middles: &middles, rates: &rates, own: &own, changes };
     let (ways, blocks) = (Ways { radars, slant }, windows(plots, radars));
     let blocks: Vec<(usize, &[TargetPlot])> =
         blocks.iter().map(|block| (stretch_of(middle_of(block), edges), &block[..])).collect();

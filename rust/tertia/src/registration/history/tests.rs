@@ -21,7 +21,7 @@ fn history(values: &[Vec<f64>], sigma: f64, rate: f64) -> History {
     let (middles, rates) = (middles(values.len()), vec![rate; order]);
     // a radar for every two errors
     let own: Vec<Vec<usize>> = (0..order / 2).map(|k| vec![2 * k, 2 * k + 1]).collect();
-    let course = Course { middles: &middles, rates: &rates, own: &own };
+    let course = Course { middles: &middles, rates: &rates, own: &own, changes: &[] };
     History::new(&said(values, sigma), &course)
 }
 
@@ -104,7 +104,7 @@ fn drifting_errors_are_followed_within_their_uncertainty() {
 fn the_likelihood_is_that_of_all_measurements_together() {
     let values = vec![vec![0.4, -0.2], vec![0.9, 0.1], vec![0.2, 0.6]];
     let (middles, rates, own) = (middles(3), vec![1e-3; 2], vec![vec![0, 1]]);
-    let course = Course { middles: &middles, rates: &rates, own: &own };
+    let course = Course { middles: &middles, rates: &rates, own: &own, changes: &[] };
     let sigma = 0.5;
     let found = Passes::new(&said(&values, sigma), &course, rates.clone(), &[(2, 0)]).likelihood;
     // covariance of each error: of the process, of a change of variance nine before the third period, and of
