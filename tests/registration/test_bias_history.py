@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from checks import assert_refused, assert_result, rng
 
-from tertia import simulate
+from tertia import metrics, simulate
 from tertia.registration import BiasHistory, register
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, smooth_tracks, track
@@ -196,3 +196,24 @@ def test_registrations_that_a_tracker_cannot_take():
     assert_refused(lambda: Tracker(radars(), registration="on"), TypeError, "registration")
     with pytest.raises(ValueError, match="lag"):
         Tracker(radars(), registration=found, lag=5.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_step_of_the_clock_is_in_the_covariance_whichever_radar_has_it(seed):
+    course = np.zeros((int(DURATION / STEP) + 2, 2, 4))
+    course[int(0.5 * DURATION / STEP) :, seed, 3] = 1.0
+    plots, exact = recording(seed, course, 2)
+    best = track(exact, [replace(one, bias=Bias()) for one in radars(2)])
+    for kind, found in (
+        ("live", track(plots, radars(2))),
+        ("smoothed", smooth_tracks(plots, radars(2))),
+    ):
+        late = found[(found.time > 0.65 * DURATION) & (found.plot >= 0)]
+        _, here, there = np.intersect1d(late.plot, best.plot, return_indices=True)
+        off = late.position[here] - best.position[there]
+        sigma = late.covariance[here, :2, :2] + best.covariance[there, :2, :2]
+        assert np.mean(metrics.nees(off, sigma) < 5.991) > 0.85, kind
+    # the difference between the clocks is known, their mean is not
+    bias = register(plots, radars(2)).bias
+    assert abs(abs(bias.time[1] - bias.time[0]) - 1.0) < 0.05
+    assert np.all(np.asarray(bias.time_sigma) > 0.3)

@@ -239,9 +239,9 @@ def smooth_tracks(
     N plots and times. States at the times of plots do not depend on additional times.
 
     Plots have the noise that they show, if it is larger than stated. A track without any height is
-    at the height at which its radars agree. The covariances do not include the remaining systematic
-    errors of the radars. If no plot of the recording has a height, they do not include errors of
-    heights either.
+    at the height at which its radars agree. The covariances of positions include the uncertainty of
+    estimated biases. Where biases are not estimated, as for a single radar, systematic errors are
+    not included. If no plot of the recording has a height, errors of heights are not included.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 

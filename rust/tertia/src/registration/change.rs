@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Odds from which a change is accepted.
 pub(super) const ODDS: f64 = 1e6;
+/// Odds between two radars up to which either may have changed.
+const RIVAL: f64 = 20.0;
 
 /// Information of one scan about the errors, and their estimate before it.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
@@ -64,25 +66,40 @@ impl Surprise {
     }
 }
 
-/// Returns the first scan after a change of the errors of a radar by about `size` standard deviations of the
-/// prior, and this radar; `own` holds the columns of each radar.
-pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<(usize, usize)> {
+/// A sudden change of the errors of a radar.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Change {
+    /// The first scan after it.
+    pub from: usize,
+    /// The radars whose errors may have changed, the likeliest first: only the difference between the clocks of
+    /// two radars is observed, for example.
+    pub radars: Vec<usize>,
+    /// Size in standard deviations of the prior.
+    pub size: f64,
+}
+
+/// Returns the likeliest change by about `size` standard deviations of the prior; `own` holds the columns of
+/// each radar.
+pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<Change> {
     let order = recent.first()?.mean.len();
     let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));
-    let mut best: Option<(f64, usize, usize)> = None;
-    for (i, scan) in recent.iter().enumerate().rev() {
+    let mut best: Option<(f64, Change)> = None;
+    for (from, scan) in recent.iter().enumerate().rev() {
         information += &scan.information;
         score += &scan.score;
         let said = (&information, &score);
         let Some(surprise) = Surprise::new((&scan.mean, &scan.covariance), said) else { continue };
-        for (k, columns) in own.iter().enumerate() {
-            let Some((odds, _)) = surprise.odds(columns, size) else { continue };
-            if odds > ODDS.ln() && best.is_none_or(|(most, ..)| odds > most) {
-                best = Some((odds, i, k));
-            }
+        let of = |(k, columns): (usize, &Vec<usize>)| Some((k, surprise.odds(columns, size)?));
+        let mut found: Vec<_> = own.iter().enumerate().filter_map(of).collect();
+        found.sort_by(|a, b| b.1.0.total_cmp(&a.1.0));
+        let Some(&(_, (odds, change))) = found.first() else { continue };
+        if odds > ODDS.ln() && best.as_ref().is_none_or(|(most, _)| odds > *most) {
+            let rivals = found.iter().filter(|(_, own)| own.0 > odds - RIVAL.ln());
+            let radars = rivals.map(|(k, _)| *k).collect();
+            best = Some((odds, Change { from, radars, size: change.max(size) }));
         }
     }
-    best.map(|(_, from, radar)| (from, radar))
+    best.map(|(_, change)| change)
 }
 
 #[cfg(test)]

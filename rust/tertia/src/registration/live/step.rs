@@ -2,7 +2,7 @@
 
 use super::{CHANGE, CHANGE_TIME, MEMORY, Registrar};
 use crate::registration::block::Known;
-use crate::registration::change::{Scan, changed};
+use crate::registration::change::{Change, Scan, changed};
 use crate::registration::gaussian::scaled;
 use crate::registration::recording::factor;
 use crate::registration::sums::Sums;
@@ -69,21 +69,23 @@ impl Registrar {
         }
     }
 
-    /// Estimates the errors of a radar anew if they have changed within the last scans.
+    /// Estimates the errors of radars anew that may have changed within the last scans.
     fn find_change(&mut self, time: f64) {
         let mut own: Vec<Vec<usize>> = vec![Vec::new(); self.radars.len()];
         for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));
-        let Some((from, radar)) = changed(&self.recent, &own, CHANGE) else { return };
+        let Some(Change { from, radars, size }) = changed(&self.recent, &own, CHANGE) else {
+            return;
+        };
         let scans = std::mem::take(&mut self.recent);
         self.known.mean = scans[from].mean.clone();
         self.known.covariance = scans[from].covariance.clone();
-        for &column in &own[radar] {
-            self.known.covariance[(column, column)] += CHANGE * CHANGE;
+        for &column in radars.iter().flat_map(|&radar| &own[radar]) {
+            self.known.covariance[(column, column)] += size * size;
         }
         self.clusters.clear();
         for scan in &scans[from..] {
             self.known.update(&scan.information, &scan.score);
         }
-        self.changes.push((time, radar));
+        self.changes.push((time, radars[0]));
     }
 }
