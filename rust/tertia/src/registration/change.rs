@@ -74,7 +74,8 @@ pub(super) struct Change {
     /// The radars whose errors may have changed, the likeliest first: only the difference between the clocks of
     /// two radars is observed, for example.
     pub radars: Vec<usize>,
-    /// Size in standard deviations of the prior.
+    /// Size in standard deviations of the prior, which counts if several radars may have changed: what they have
+    /// in common is not observed.
     pub size: f64,
 }
 
@@ -95,8 +96,9 @@ pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<
         let Some(&(_, (odds, change))) = found.first() else { continue };
         if odds > ODDS.ln() && best.as_ref().is_none_or(|(most, _)| odds > *most) {
             let rivals = found.iter().filter(|(_, own)| own.0 > odds - RIVAL.ln());
-            let radars = rivals.map(|(k, _)| *k).collect();
-            best = Some((odds, Change { from, radars, size: change.max(size) }));
+            let radars: Vec<usize> = rivals.map(|(k, _)| *k).collect();
+            let size = if radars.len() > 1 { change.max(size) } else { size };
+            best = Some((odds, Change { from, radars, size }));
         }
     }
     best.map(|(_, change)| change)
