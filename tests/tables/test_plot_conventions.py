@@ -1,5 +1,6 @@
 """Plots in another convention than those of other sensors are suspected, and usual ones are not."""
 
+import re
 import warnings
 from typing import Any
 
@@ -131,6 +132,25 @@ def test_places_that_nothing_explains() -> None:
     (told,) = _told(plots.with_columns(pl.col("time_s") + late), RADARS[:2])
     assert told.startswith("plots of hill and town with the same identity are about")
     assert told.endswith("the position, the north or the clock of one of them wrong?")
+
+
+@pytest.mark.parametrize("degrees", [45, 120])
+def test_a_north_that_is_far_off_is_told_without_identities(degrees: int) -> None:
+    plots = _scene(9, ["hill", "town"]).drop("identity")
+    assert _told(plots, RADARS[:2]) == []
+    (told,) = _told(plots.with_columns(_of("town", (DEGREES + degrees) % 360.0)), RADARS[:2])
+    assert f"if the azimuths of town were about {degrees}° smaller" in told
+
+
+@pytest.mark.parametrize("seconds", [20.0, -120.0])
+def test_a_clock_that_is_off_is_told_without_identities(seconds: float) -> None:
+    plots = _scene(10, ["hill", "town"], scans=60).drop("identity")
+    late = pl.when(pl.col("sensor") == "town").then(seconds).otherwise(0.0)
+    (told,) = _told(plots.with_columns(pl.col("time_s") + late), RADARS[:2])
+    way = "smaller" if seconds > 0.0 else "larger"
+    found = re.search(rf"if the times of town were about (\d+) s {way}", told)
+    assert found is not None
+    assert abs(float(found[1]) - abs(seconds)) <= 4.0
 
 
 def test_radars_that_see_different_targets() -> None:

@@ -37,8 +37,8 @@ _BETTER, _ENOUGH = 0.05, 0.9
 _RADIANS, _FULL = np.radians(2.0 * np.pi), np.radians(361.0)
 _KINDS = ("icao_address", "callsign", "identity", "mode_3a")
 
-# errors of north in degrees that are tried; without identities, where there are many pairs, fewer
-_DEGREES, _MOST_DEGREES = np.array([degrees for degrees in range(-179, 180) if degrees]), 30
+# errors of north in degrees, and differences of clocks up to so many seconds, that are tried
+_DEGREES, _CLOCK = [degrees for degrees in range(-179, 180) if degrees], 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def doubt_plot_conventions(plots: Plots, sensors: Sensors[Any]) -> None:
     scene = _Scene.of(plots, sensors, near)
     if all(one.agreement(scene.place) >= _USUAL for one in scene.pairs):
         return
-    meant = scene.explanation()
+    meant = scene.explanation() or _other_clock(plots, sensors, near)
     if meant is not None:
         doubt(f"sensors see most targets at different places, and would agree if {meant}")
         return
@@ -135,6 +135,42 @@ def _anonymous(
     if len(np.unique(first)) < _FEW or len(first) > _DENSE * len(own):
         return None
     return _Near(two, first, second, None)
+
+
+def _other_clock(plots: Plots, sensors: Sensors[Any], near: Sequence[_Near]) -> str | None:
+    """Return by which times of a sensor its plots without identities would agree with others."""
+    for one in near:
+        before = _agreement_after(0.0, plots, sensors, one)
+        if one.kind is not None or before >= _USUAL:
+            continue
+        step = max(_interval(sensors.items[k]) for k in one.sensors)
+        later = step * np.arange(1.0, _CLOCK / step + 1.0)
+        delays = np.concatenate([-later, later])
+        found = np.array([_agreement_after(delay, plots, sensors, one) for delay in delays])
+        if np.max(found) >= max(_ANONYMOUS, before + _GAIN, _TIMES * before):
+            # several agree in part, as targets move little in a scan
+            weight = np.maximum(found - 0.5 * (np.max(found) + before), 0.0)
+            delay = float(np.sum(weight * delays) / np.sum(weight))
+            said = "smaller" if delay > 0.0 else "larger"
+            names = [sensors.names[k] for k in one.sensors]
+            return (
+                f"the times of {names[1]} were about {abs(delay):.0f} s {said}: is its clock "
+                f"wrong, or that of {names[0]}?"
+            )
+    return None
+
+
+def _agreement_after(delay: float, plots: Plots, sensors: Sensors[Any], near: _Near) -> float:
+    """Return the share of plots that agree if the times of the second sensor are so much late."""
+    two, half = near.sensors, 0.5 * max(_interval(sensors.items[k]) for k in near.sensors)
+    moved = plots._replaced(time=plots.time - delay * (plots.sensor == two[1]))
+    rows = [np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time)) for k in two]
+    first, second = (own[np.argsort(moved.time[own], kind="stable")] for own in rows)
+    pairs = _anonymous(moved, two, (first, second), half)
+    scene = None if pairs is None else _Scene.of(moved, sensors, [pairs])
+    if scene is None or not scene.pairs or scene.pairs[0].variety(scene.place) < _TARGETS:
+        return 0.0
+    return scene.pairs[0].agreement(scene.place)
 
 
 def _within(
@@ -275,8 +311,6 @@ class _Scene:
             sites = np.array([self.sensors.items[k].position[:2] for k in two])
             said = f"the plots of {names[two[0]]} were those of {names[two[1]]}, and vice versa"
             yield [_Change(said, two, _unchanged, sites[::-1] - sites)]
-        anonymous = any(one.kind is None for one in self.pairs)
-        degrees_tried = _DEGREES[np.abs(_DEGREES) <= _MOST_DEGREES] if anonymous else _DEGREES
         for noun, changed in whose.items():
             yield [
                 _Change(
@@ -286,7 +320,7 @@ class _Scene:
                     _turned_by(degrees),
                     np.zeros(2),
                 )
-                for degrees in degrees_tried.tolist()
+                for degrees in _DEGREES
             ]
         for k in radars:
             shift = self._shift(k)
