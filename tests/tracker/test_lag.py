@@ -155,11 +155,13 @@ def test_older_plots_are_late_and_what_follows_a_gap_is_not():
     tracker.update(plots[:8])
     early = line(1, start=10.0)
     assert tracker.update(early).track_of_plot[0] == PlotStatus.LATE
-    # alone and an hour later: perhaps a wrong clock, until another follows
-    far = [line(1, start=3600.0), line(1, start=3604.0)]
+    # alone and an hour later: perhaps a wrong clock, until they go on and no others come
+    far = [line(1, start=3600.0 + 4.0 * k) for k in range(4)]
     assert tracker.update(far[0]).track_of_plot[0] == PlotStatus.CLOCK_ERROR
     assert tracker.update(plots[8:]).track_of_plot[0] > 0
-    assert tracker.update(far[1]).track_of_plot[0] > 0
+    for one in far[1:3]:
+        assert tracker.update(one).track_of_plot[0] == PlotStatus.CLOCK_ERROR
+    assert tracker.update(far[3]).track_of_plot[0] > 0
     assert len(tracker.finish()) >= 0
     assert tracker.update(plots[9:]).track_of_plot[0] == PlotStatus.LATE
     again = tracker.update(line(10, start=3610.0))

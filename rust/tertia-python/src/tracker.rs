@@ -117,7 +117,7 @@ impl PlotTracker {
 
     /// Restarts without tracks, as if the last `plots` plots had not been given.
     fn restart(&mut self, plots: usize) {
-        self.0.tracker_mut().restart(plots);
+        self.0.restart(plots);
     }
 
     /// Processes plots at these times, until `end`. The rows added to the table are those of the tracks
@@ -139,7 +139,11 @@ impl PlotTracker {
         let mut tracks = Vec::new();
         let done = release(py, plots.len() as f64 * PLOT_NS, || {
             if rows != "recording" {
-                self.0.track(&plots, end, &mut statuses, &mut found, n_threads)?;
+                match rows {
+                    // a recording, scan by scan
+                    "all" => self.0.record(&plots, &mut statuses, &mut found, n_threads)?,
+                    _ => self.0.track(&plots, end, &mut statuses, &mut found, n_threads)?,
+                }
                 tracks.extend(statuses.iter().map(|status| status.code()));
                 return Ok(());
             }
@@ -158,6 +162,13 @@ impl PlotTracker {
         table.put_rows(py, found);
         done?.map_err(value_error)?;
         array(py, &[tracks.len()], tracks)
+    }
+
+    /// Sensors whose clocks came into doubt since the last call: their indices, by how many seconds their plots
+    /// are ahead, and whether the tracker started anew at the time of these.
+    fn take_clock_doubts(&mut self) -> Vec<(usize, f64, bool)> {
+        let doubts = self.0.take_clock_doubts().into_iter();
+        doubts.map(|own| (own.sensor, own.ahead, own.is_believed)).collect()
     }
 
     /// Returns a copy of the tracker.

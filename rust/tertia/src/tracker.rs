@@ -11,8 +11,8 @@
 //! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
 //! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
 //! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan, repeats,
-//! shapes <- live <- ending, kept, control, found, late <- lag`; `kinematics, motion, noise <- smooth` beside
-//! them.
+//! shapes <- live <- ending, kept, control, found, late <- lag; plot <- clock <- lag`; `kinematics, motion,
+//! noise <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -23,6 +23,7 @@ mod azimuths;
 mod bank;
 mod beams;
 mod claim;
+mod clock;
 mod cluster;
 mod clutter;
 mod columns;
@@ -93,6 +94,7 @@ mod window;
 pub use crate::base::plane::Plane;
 pub use crate::sensors::Radar;
 pub use association::Association;
+pub use clock::ClockDoubt;
 pub use columns::{COLUMNS, Column, Values};
 pub use control::{Command, Refusal};
 pub use estimate::Estimate;

@@ -5,7 +5,8 @@
 //! arrival, and a step is final when it is older than the lag. Copies of the state are kept at four instants
 //! within the lag; after a late plot, processing starts again from the last copy before it.
 
-use super::control::{Command, Refusal};
+use super::clock::Clock;
+use super::control::Command;
 use super::kept::Kept;
 use super::live::{Part, Tracker};
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
@@ -19,6 +20,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::num::NonZero;
 
+mod commands;
+mod judge;
 mod sink;
 #[cfg(test)]
 mod tests;
@@ -61,6 +64,7 @@ pub struct LagTracker {
     closed: f64,
     /// Time of the last single plot that came long after the others, perhaps from a wrong clock.
     stray: f64,
+    clock: Clock,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -108,6 +112,7 @@ impl LagTracker {
             now: before,
             closed: before,
             stray: before,
+            clock: Clock::default(),
         })
     }
 
@@ -135,54 +140,6 @@ impl LagTracker {
         restored(bytes)
     }
 
-    /// Changes a plan, or the plan of a track, from now on; returns the number of a plan that was added.
-    ///
-    /// # Errors
-    /// As the methods of [`Tracker`]; also for a track whose number is not final.
-    pub fn command(&mut self, command: Command) -> Result<Option<usize>, Refusal> {
-        if let Some(number) =
-            command.track().filter(|number| *number >= self.next_number_for_good())
-        {
-            return Err(Refusal::NoTrack(number));
-        }
-        let done = command.apply(&mut self.tracker)?;
-        if self.now == f64::NEG_INFINITY {
-            self.kept = VecDeque::from([(BEFORE_ALL, self.tracker.keep())]);
-        } else if self.lag > 0.0 {
-            self.commands.push((self.step_of(self.now), command));
-        }
-        Ok(done)
-    }
-
-    /// Numbers of the confirmed tracks whose plans are suspended, as far as the numbers are final.
-    pub fn suspended_plans(&self) -> Vec<u64> {
-        let mut suspended = self.tracker.suspended_plans();
-        suspended.retain(|number| *number < self.next_number_for_good());
-        suspended
-    }
-
-    /// Numbers and positions of the confirmed tracks, as [`Tracker::extrapolate`]; numbers of 2^40 and more
-    /// are not final.
-    pub fn extrapolate(&self, seconds: f64) -> Vec<(i64, [f64; 2])> {
-        let first = self.tracker.first_plots();
-        let found = self.tracker.extrapolate(seconds).into_iter().zip(first);
-        found
-            .map(|((number, position), first)| (self.shown_number(number, first), position))
-            .collect()
-    }
-
-    fn shown_number(&self, number: u64, first_plot: usize) -> i64 {
-        if number < self.next_number_for_good() {
-            number as i64
-        } else {
-            PlotStatus::Provisional(first_plot).code()
-        }
-    }
-
-    fn next_number_for_good(&self) -> u64 {
-        if self.lag > 0.0 { self.numbered } else { u64::MAX }
-    }
-
     /// Processes new plots, as [`Tracker::track`]. First, rows that became final are given out; then, for
     /// each track, the rows that are not final, from the first one that is new or has changed. Cost: that of
     /// all plots since the oldest late plot, or since the last step.
@@ -197,12 +154,13 @@ impl LagTracker {
         rows: &mut R,
         n_threads: Option<NonZero<usize>>,
     ) -> Result<(), Error> {
-        if self.lag == 0.0 {
-            return self.tracker.track(plots, end, statuses, rows, n_threads);
-        }
         self.tracker.check(plots, end)?;
+        let (refused, end) = self.judge(plots, end, rows, n_threads);
+        if self.lag == 0.0 {
+            return self.tracker.take(plots, (end, Some(&refused)), statuses, rows, n_threads);
+        }
         let first = self.tracker.plots();
-        let mut claims = self.file(plots, end);
+        let mut claims = self.file(plots, Some(&refused), end);
         self.run((&mut claims, first), self.step_of(self.now - self.lag), rows, n_threads);
         self.tell(&claims, statuses);
         Ok(())
@@ -233,7 +191,7 @@ impl LagTracker {
         }
         self.tracker.check(plots, None)?;
         let first = self.tracker.plots();
-        let mut claims = self.file(plots, None);
+        let mut claims = self.file(plots, None, None);
         self.close((&mut claims, first), rows, n_threads);
         self.tell(&claims, statuses);
         Ok(())
@@ -281,8 +239,14 @@ impl LagTracker {
     }
 
     /// Files plots in the journal, and drops the copies of the state after the oldest of these plots. Returns
-    /// the reasons why plots are not used, as far as they are known.
-    fn file<P: Plots + ?Sized>(&mut self, plots: &P, end: Option<f64>) -> Vec<Claim> {
+    /// the reasons why plots are not used, as far as they are known. Plots that are `refused`, because they are
+    /// ahead, wait until time has come to them.
+    fn file<P: Plots + ?Sized>(
+        &mut self,
+        plots: &P,
+        refused: Option<&[usize]>,
+        end: Option<f64>,
+    ) -> Vec<Claim> {
         let first = self.tracker.plots();
         let oldest = self.step_of(self.now - self.lag);
         let mut order = Vec::with_capacity(plots.len());
@@ -299,7 +263,9 @@ impl LagTracker {
             if fault.is_some() {
                 continue;
             }
-            order.push((plot.time, i));
+            if refused.is_none_or(|refused| refused.binary_search(&i).is_err()) {
+                order.push((plot.time, i));
+            }
             self.journal.entry(step).or_default().push((plot, first + i));
             filed.insert(step);
             while self.kept.len() > 1 && self.kept.back().is_some_and(|(next, _)| *next > step) {
@@ -312,8 +278,12 @@ impl LagTracker {
         }
         self.tracker.count(plots.len());
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let silence = self.tracker.silence();
-        let newest = keep_followed(&mut order, self.now, &mut self.stray, silence, |_| ());
+        let newest = if refused.is_some() {
+            order.last().map_or(self.now, |(time, _)| *time)
+        } else {
+            let silence = self.tracker.silence();
+            keep_followed(&mut order, self.now, &mut self.stray, silence, |_| ())
+        };
         self.now = end.map_or(newest, |end| end.max(newest)).max(self.now);
         claims
     }
@@ -386,7 +356,7 @@ impl LagTracker {
         let filed = self.journal.get(&step).map_or(&[][..], Vec::as_slice);
         let own = Own(&filed[..filed.partition_point(|(plot, _)| plot.time <= until)]);
         let mut statuses = Vec::new();
-        let order = self.tracker.order(&own, &mut statuses);
+        let order = self.tracker.order(&own, None, &mut statuses);
         for ((_, index), status) in own.0.iter().zip(statuses) {
             sink.refuse(*index, status);
         }

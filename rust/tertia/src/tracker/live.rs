@@ -7,7 +7,7 @@ use super::doubles::Doubles;
 use super::ended::Ended;
 use super::level::Level;
 use super::noise::{Noise, assume, use_found};
-use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
+use super::plot::{Measured, PlotStatus, Plots};
 use super::repeats::{ONCE, Repeats, WAITING, next_part};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
@@ -244,9 +244,21 @@ impl Tracker {
         rows: &mut R,
         n_threads: Option<NonZero<usize>>,
     ) -> Result<()> {
+        self.take(plots, (end, None), statuses, rows, n_threads)
+    }
+
+    /// As `track`; for plots that come live, with the indices of those whose times were `refused`.
+    pub(super) fn take<P: Plots + Sync + ?Sized, R: Rows>(
+        &mut self,
+        plots: &P,
+        (end, refused): (Option<f64>, Option<&[usize]>),
+        statuses: &mut Vec<PlotStatus>,
+        rows: &mut R,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<()> {
         self.check(plots, end)?;
         statuses.clear();
-        let order = self.order(plots, statuses);
+        let order = self.order(plots, refused, statuses);
         let levels = self.levels(plots, &order);
         let first = self.plots;
         self.plots += plots.len();
@@ -407,55 +419,6 @@ impl Tracker {
         }
         levels
     }
-
-    /// Returns times and indices of the plots that can be used, in the order of time.
-    pub(super) fn order<P: Plots + ?Sized>(
-        &mut self,
-        plots: &P,
-        statuses: &mut Vec<PlotStatus>,
-    ) -> Vec<(f64, usize)> {
-        let mut order = Vec::with_capacity(plots.len());
-        statuses.reserve(plots.len());
-        for i in 0..plots.len() {
-            let plot = plots.get(i);
-            let radar = &self.settings.radars[plot.radar];
-            let late = plot.time < self.time - radar.scan_period;
-            let geometry = self.settings.geometry(plot.radar);
-            let fault = plot.fault(radar, geometry).or(late.then_some(PlotStatus::Late));
-            if fault.is_none() {
-                order.push((plot.time, i));
-            }
-            statuses.push(fault.unwrap_or(Plot::unused(geometry)));
-        }
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        order.dedup_by(|(time, next), (before, kept)| {
-            let same = time == before && {
-                let (plot, first) = (plots.get(*next), plots.get(*kept));
-                plot.repeats(&first, &self.settings.radars[plot.radar])
-            };
-            if same {
-                statuses[*next] = PlotStatus::Duplicate;
-            }
-            same
-        });
-        self.refuse_strays(&mut order, statuses);
-        order.retain(|&(_, i)| {
-            let is_old = self.repeats.is_old(&plots.get(i), &self.settings);
-            if is_old {
-                statuses[i] = PlotStatus::Duplicate;
-            }
-            !is_old
-        });
-        order
-    }
-
-    /// Refuses single plots long after the others: a plot with a wrong clock would end all tracks. A second
-    /// plot at about the same time shows that there was a gap.
-    fn refuse_strays(&mut self, order: &mut Vec<(f64, usize)>, statuses: &mut [PlotStatus]) {
-        let silence = self.silence();
-        let refuse = |index: usize| statuses[index] = PlotStatus::ClockError;
-        keep_followed(order, self.time, &mut self.stray, silence, refuse);
-    }
 }
 
 /// Returns the number of items in a part: each of several threads takes several parts, a single thread takes
@@ -496,5 +459,6 @@ fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
     n_threads.map_or_else(available, NonZero::get).min(most)
 }
 
+mod order;
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
 use super::*;
 use crate::base::interrupt::Flag;
 use crate::sensors::{Identities, radar_of};
-use crate::tracker::Motion;
 use crate::tracker::row::Row;
+use crate::tracker::{Motion, Plot};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// A radar with a plot of each of ten targets in every scan of four seconds.
