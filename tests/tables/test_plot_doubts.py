@@ -1,5 +1,6 @@
 """Warnings about plots that contradict the description of their sensor."""
 
+import dataclasses
 import warnings
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,15 @@ def test_old_plots_that_come_again_are_noticed() -> None:
     assert none.startswith("no track was confirmed")
 
 
+@pytest.mark.parametrize("stated", [2.0, 6.0, 8.0])
+def test_a_scan_period_that_is_not_that_of_the_beam_is_noticed(stated: float) -> None:
+    told = _told(_scene(), dataclasses.replace(RADAR, scan_period=stated))
+    assert told[0].startswith("hill: its beam turns once in about 4")
+    assert f"scan_period is {stated:g} s" in told[0]
+    for near in (3.3, 4.8):
+        assert _told(_scene(), dataclasses.replace(RADAR, scan_period=near)) == []
+
+
 def test_anchored_ships_and_plots_sent_twice_are_no_copies() -> None:
     scene = _scene()
     still = scene.with_columns(range_m=9e3, azimuth_deg=(pl.col("azimuth_deg") / 15).round() * 15)
@@ -126,6 +136,9 @@ def test_reports_that_are_rarer_than_stated_are_noticed() -> None:
     assert told[0].startswith("10 of 10 targets report to ships only every 6 s")
     assert "update_interval is 1 s" in told[0]
     assert _told(plots, PositionSensor(position_sigma=20.0, update_interval=6.0)) == []
+    # also without identities
+    told = _told(plots.drop("identity"), PositionSensor(position_sigma=20.0, name="ships"))
+    assert told[0].startswith("ships: reports of a target come about every 5.5 s")
 
 
 def test_latitudes_and_longitudes_that_are_exchanged_are_noticed(tmp_path: Path) -> None:

@@ -93,6 +93,55 @@ def test_two_plots_with_a_wrong_clock_end_no_stream(lag):
     assert refused == 6 or lag > 0
 
 
+def scan(k, by=0.0):
+    """Return the times, ranges and azimuths of six aircraft in a scan; `by` is added to times."""
+    good, azimuth = line(30)[[k]], 0.3 * np.arange(6)
+    return np.repeat(good.time + by, 6), np.repeat(good.range, 6), good.azimuth + azimuth
+
+
+def followed(tracker, times):
+    """Update a tracker by six aircraft in scans at shifted times; return how many it takes."""
+    used = []
+    for k, by in enumerate(times):
+        found = tracker.update(Plots(*scan(k, by)))
+        used.append(np.count_nonzero(found.track_of_plot > 0))
+    return used, set(found.track.tolist())
+
+
+@pytest.mark.parametrize("lag", [0.0, 12.0])
+def test_a_scan_with_a_wrong_clock_ends_no_stream(lag):
+    used, last = followed(Tracker([RADAR], lag=lag), [3600.0 * (k == 15) for k in range(30)])
+    assert used[15] == 0
+    assert sum(used[16:]) == 6 * 14
+    assert len(last) == 6
+
+
+@pytest.mark.parametrize("lag", [0.0, 12.0])
+def test_a_tracker_starts_anew_when_its_clock_is_set_back(lag):
+    times = [-600.0 * (k >= 15) for k in range(30)]
+    with pytest.warns(UserWarning, match="starts anew there") as told:
+        used, last = followed(Tracker([RADAR], lag=lag), times)
+    assert len(told) == 1
+    assert min(used[20:]) == 6
+    assert len(last) == 6
+
+
+def test_a_sensor_whose_clock_is_set_back_is_told_once_and_stops_no_other():
+    tracker = Tracker([RADAR, RADAR], registration=False)
+
+    def status(k):
+        both = (np.concatenate(two) for two in zip(scan(k), scan(k, -60.0), strict=True))
+        return tracker.update(Plots(*both, sensor=np.repeat([0, 1], 6))).track_of_plot
+
+    for k in range(10):
+        tracker.update(Plots(*scan(k)))
+    with pytest.warns(UserWarning, match=r"sensors\[1\]: its plots go on .* before") as told:
+        found = [status(k) for k in range(10, 30)]
+    assert len(told) == 1
+    assert np.all(np.stack(found)[:, :6] > 0)
+    assert np.all(np.stack(found)[:, 6:] == PlotStatus.LATE)
+
+
 def test_midnight():
     plots = line(40, start=86400.0 - 80.0)
     wrapped = Plots(plots.time % 86400.0, plots.range, plots.azimuth)

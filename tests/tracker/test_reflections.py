@@ -129,7 +129,8 @@ def test_aircraft_with_one_address_by_mistake_are_two():
         plotted(place, rng, icao_address=0x3C4DC1, callsign=name)
         for place, name in zip((NEAR, PLACE), names, strict=True)
     ]
-    found = track(joined(*parts)[0], [RADAR])
+    with pytest.warns(UserWarning, match="have the same address, 3C4DC1"):
+        found = track(joined(*parts)[0], [RADAR])
     assert len(shown(found)) == 2
     assert not np.any(found.track_of_plot == PlotStatus.REFLECTION)
 

@@ -12,10 +12,10 @@ from tertia import _core, simulate
 from tertia.metrics import nees
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
+from tertia.tracker._recording import tracked
 from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
 from tertia.tracker._registrar import scans as scans_of
 from tertia.tracker._start import _time_of_most_pairs
-from tertia.tracker._tracker import tracked
 
 RADARS = [
     Radar([east, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0 + k)
@@ -393,7 +393,7 @@ def test_unknown_heights_are_no_errors_of_ranges(seed):
     """They made the ranges of both radars 300 to 800 m too long, with a sigma of 20 m."""
     radars, plots = without_heights(seed)
     tracker = Tracker(radars)
-    table = tracker._track(plots, None, True)
+    table = tracker._track(plots, None, recording=True)
     off, sigma = columns(tracker.bias), columns(tracker.bias, "_sigma")
     assert np.all(np.abs(off) < 4.0 * sigma)
     assert np.abs(off[:, 0]).max() < 150

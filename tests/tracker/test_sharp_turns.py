@@ -74,7 +74,8 @@ def test_two_targets_with_one_address_are_two_tracks():
     seen = (rng.random(80) < 0.85) & ((number == 0) | (time > 40.0))
     distance = 50e3 + 200.0 * time + 1500.0 * number + rng.normal(0.0, 50.0, 80)
     plots = Plots(time, distance, 0.5, icao_address=np.full(80, 0x3F7A21))
-    found = track(plots[seen], RADARS[:1])
+    with pytest.warns(UserWarning, match="have the same address, 3F7A21"):
+        found = track(plots[seen], RADARS[:1])
     assert len(np.unique(found.track)) == 2
     for one in (0, 1):
         own = found.track_of_plot[number[seen] == one]

@@ -12,6 +12,7 @@ from tertia.tables._doubts import doubt
 from tertia.tables._sensors import REACH_OF_A_PLANE, Sensors
 from tertia.tables._velocities import doubt_velocities
 from tertia.tracker import Plots
+from tertia.tracker._doubts import period_doubts, seen_by
 
 # plots of a sensor below which nothing is said of it
 _FEW = 50
@@ -31,6 +32,8 @@ _CLOCK = 300.0
 _ROW, _EQUAL, _LATER, _REPEATED = 5, 1e-3, 1.5, 0.05
 # intervals after which a silent target has no track yet, and the quantile of intervals
 _PATIENCE, _QUANTILE = 2.0, 0.75
+# speed of a target in m/s that its reports may show
+_FAST = 350.0
 
 
 def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
@@ -44,6 +47,11 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
             rows = rows[np.isfinite(plots.azimuth[rows])]
         if len(rows) < _FEW:
             continue
+        is_anonymous = isinstance(sensor, PositionSensor) and _targets(plots, rows) is None
+        if isinstance(sensor, Radar) or is_anonymous:
+            seen = seen_by(sensor, plots[rows])
+            for said in period_doubts(sensor, seen, name, _FAST):
+                doubt(said)
         if isinstance(sensor, Radar):
             _doubt_times(name, sensor, plots.time[rows], plots.azimuth[rows])
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])

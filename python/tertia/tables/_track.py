@@ -36,7 +36,8 @@ from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
-from tertia.tracker._tracker import tracked
+from tertia.tracker._doubts import Shared
+from tertia.tracker._recording import tracked
 
 PLOTS: Schema = {
     "time": TIME,
@@ -364,6 +365,8 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
     start = time.perf_counter()
     table, bias = tracked(plots, radars.items, plans=plans, **options)
     found = Tracking(recording, plans, table, bias, time.perf_counter() - start)
+    for said in Shared(radars.items).doubts(table, last=True):
+        doubt(said)
     if len(plots) and np.all(table.track_of_plot < 0):
         raise RecordError(f"no plot can be used: {'; '.join(found.refused)}")
     return found

@@ -23,6 +23,7 @@ from tertia.tracker._models import (
     WindowModel,
 )
 from tertia.tracker._plots import Plots, PlotStatus
+from tertia.tracker._recording import track
 from tertia.tracker._smooth import (
     Longitudinal,
     SmoothedTracks,
@@ -31,7 +32,7 @@ from tertia.tracker._smooth import (
     smooth_tracks,
 )
 from tertia.tracker._table import COLUMNS, Column, TrackTable
-from tertia.tracker._tracker import Tracker, track
+from tertia.tracker._tracker import Tracker
 
 __all__ = [
     "COLUMNS",

@@ -65,8 +65,7 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
     """Return whether a sensor may have systematic errors that another sensor can reveal."""
-    deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
-    if deviates or sum(not isinstance(one, Station) for one in sensors) < 2:
+    if sum(not isinstance(one, Station) for one in sensors) < 2:
         return False
     has_radar = any(isinstance(one, Radar) for one in sensors)
     return has_radar and bool(columns_of(own_biases(sensors), "_sigma").any())
@@ -78,9 +77,7 @@ def is_default(sensors: Sequence[Sensor]) -> bool:
     A single radar is if its errors have stated sigmas: these belong to the covariances of tracks.
     """
     stated = [one for one in sensors if isinstance(one, Radar) and one.bias is not None]
-    deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in stated)
-    are_stated = bool(stated) and not deviates
-    are_stated = are_stated and bool(columns_of(own_biases(stated), "_sigma").any())
+    are_stated = bool(stated) and bool(columns_of(own_biases(stated), "_sigma").any())
     return is_registrable(sensors) or are_stated
 
 
@@ -179,6 +176,29 @@ class Registrar:
         core.hold(self.held)
         core.set_delays(np.where(self._late, self._core.clocks(), np.nan))
 
+    def scan(
+        self,
+        core: _core.PlotTracker,
+        plots: Plots,
+        end: float | None,
+        *,
+        rows: str,
+        table: _core.TrackColumns,
+        n_threads: int | None,
+    ) -> IntArray:
+        """Track a scan of plots, and learn from it; return the tracks of the plots.
+
+        The uncertainty of the errors is in the covariances of the rows.
+        """
+        first, begin = core.plots, table.count
+        self.prepare(core)
+        own = placed(self.correct(plots), self.sensors)
+        tracks = core.track(own, own.time, end, rows, table, n_threads)
+        self.weigh_delays(core, recording=rows == "all")
+        noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
+        core.shift(*self.learn(plots, first, tracks, added, noise, time=time, alive=alive))
+        return tracks
+
     def weigh_delays(self, core: _core.PlotTracker, *, recording: bool) -> None:
         """Estimate by how much delays of targets differ, once the radars have been compared."""
         if recording or not self.is_first:
@@ -252,7 +272,7 @@ class Registrar:
             return False
         is_first, later = self.is_first, 2.0 * (self._due - self._begin)
         self._due = self._begin + (_SCANS * self.period if is_first else later)
-        found = self._vote(_joined(self.kept), alone, is_first=is_first)
+        found = self._vote(joined(self.kept), alone, is_first=is_first)
         if np.all(self._paired) and not found:
             self.kept = []
         return found and (is_first or not self._compared)
@@ -362,7 +382,7 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
     return plots[np.isin(identity, np.concatenate([some for _, some in chosen]))]
 
 
-def _joined(parts: Sequence[Plots]) -> Plots:
+def joined(parts: Sequence[Plots]) -> Plots:
     """Return the plots of several scans as one `Plots` object."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])

@@ -35,7 +35,18 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
         raise ValueError("sensors has only Stations; azimuths without ranges start no tracks")
     for i, station in stations.items():
         check_station(station, f"sensors[{i}]")
+    refuse_deviations(values)
     return tuple(values)
+
+
+def refuse_deviations(sensors: Sequence[Sensor], name: str = "sensors") -> None:
+    """Raise an error if a radar states a deviation, which is of a direction finder."""
+    for i, one in enumerate(sensors):
+        if one.bias is not None and one.bias.deviation_order > 0:
+            raise ValueError(
+                f"{name}[{i}].bias has deviation_order {one.bias.deviation_order}; it must be 0: "
+                "state an azimuth_sigma that includes the deviation, or correct the azimuths"
+            )
 
 
 def slant(sensors: Sequence[Sensor], plots: Plots | None = None) -> list[bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from tertia import _core
 from tertia._arrays import integer, listed, positive, real
@@ -61,13 +62,20 @@ def core_settings(
         confirmation=_confirmation(confirmation),
         coasting=integer(coasting, "coasting", 1),
         clutter_density=clutter_density,
-        max_speed=kind.max_speed if max_speed is None else real(max_speed, "max_speed"),
+        max_speed=largest_speed(profile=profile, max_speed=max_speed),
         heights=kind.heights,
         gate_probability=real(gate_probability, "gate_probability"),
         guard_acceleration=guard_acceleration,
         identity_error_probability=real(identity_error_probability, "identity_error_probability"),
         emergency_codes=[integer(code, "emergency_codes", 0) for code in codes],
     )
+
+
+def largest_speed(
+    *, profile: ProfileName = "aircraft", max_speed: float | None = None, **_: Any
+) -> float:
+    """Return the largest speed of a target in m/s, from the options of `Tracker`."""
+    return profile_of(profile).max_speed if max_speed is None else real(max_speed, "max_speed")
 
 
 def _confirmation(rule: tuple[int, int] | float) -> tuple[int, int] | float:

@@ -37,11 +37,11 @@ from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._placement import placed
 from tertia.tracker._plots import Plots
+from tertia.tracker._recording import track
 from tertia.tracker._registrar import is_registrable
-from tertia.tracker._sensors import interval, velocities_of
+from tertia.tracker._sensors import interval, refuse_deviations, velocities_of
 from tertia.tracker._systematic import Placed, systematic
 from tertia.tracker._table import TrackTable
-from tertia.tracker._tracker import track
 
 _Sensor: TypeAlias = Radar | PositionSensor
 # tracks of one identity are one target's if no more than this lies between them, in seconds, at
@@ -404,6 +404,7 @@ def _sensors_of(values: Any, name: str) -> Sequence[_Sensor]:
                 f"{name}[{i}].target_extent is {value.target_extent:g}; it must be 0, because "
                 "plots of one target are not combined here"
             )
+    refuse_deviations(values, name)
     return values
 
 

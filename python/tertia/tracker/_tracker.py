@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -28,15 +29,16 @@ from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._azimuths import placed
+from tertia.tracker._doubts import Doubts, clock_doubts, names_of
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, begun, is_default, scans
 from tertia.tracker._sensors import Sensor, check_plots, core_sensors, sensors_of
-from tertia.tracker._settings import core_settings
+from tertia.tracker._settings import core_settings, largest_speed
 from tertia.tracker._table import TrackTable, numbered
 
 _State: TypeAlias = tuple[
-    tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes
+    tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, Any, bytes
 ]
 
 
@@ -147,7 +149,16 @@ class Tracker:
     True
     """
 
-    __slots__ = "_core", "_plans", "_registrar", "clock_period", "lag", "n_threads", "sensors"
+    __slots__ = (
+        "_core",
+        "_doubted",
+        "_plans",
+        "_registrar",
+        "clock_period",
+        "lag",
+        "n_threads",
+        "sensors",
+    )
 
     def __init__(
         self,
@@ -193,6 +204,7 @@ class Tracker:
             emergency_codes=emergency_codes,
             with_plans=bool(self._plans),
         )
+        self._doubted = Doubts(self.sensors, largest_speed(profile=profile, max_speed=max_speed))
         radars, geometry = core_sensors(self.sensors, motion)
         self._core = _core.PlotTracker(
             settings,
@@ -249,8 +261,18 @@ class Tracker:
             If a plot belongs to a sensor that does not exist, or `time` is not finite.
         TypeError
             If an argument has the wrong type.
+
+        Warns
+        -----
+        UserWarning
+            If the plots of a sensor go on at other times than those of the others, if the tracker
+            starts anew because all plots come from an earlier time, if a period is wrong, or if two
+            tracks have the same address at the same time.
         """
-        return self._track(plots, time, False)
+        table = self._track(plots, time, recording=False)
+        for said in self._doubts(table, plots, names_of(self.sensors)):
+            warnings.warn(said, UserWarning, stacklevel=2)
+        return table
 
     def finish(self) -> TrackTable:
         """Make all rows final when no more plots will come.
@@ -263,7 +285,7 @@ class Tracker:
         """
         return TrackTable._of(*self._core.finish(self.n_threads))
 
-    def _track(self, plots: Plots, time: float | None, recording: bool) -> TrackTable:
+    def _track(self, plots: Plots, time: float | None, *, recording: bool) -> TrackTable:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
@@ -304,16 +326,17 @@ class Tracker:
         """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
         rows, first = "all" if recording else "confirmed", self._core.plots
         table = TrackColumns(len(plots) if recording else 0)
+        where: dict[str, Any] = {"rows": rows, "table": table, "n_threads": self.n_threads}
         parts, found = scans(plots.time, registrar.period), []
         for n, index in enumerate(parts):
             part, begin = plots if len(parts) == 1 else plots[index], table.count
             until = end if n == len(parts) - 1 else None
-            tracks = self._learned(registrar, part, until, rows, table)
+            tracks = registrar.scan(self._core, part, until, **where)
             if not recording and registrar.search(part, self._core.time, _alone):
                 self._core.restart(sum(map(len, registrar.kept)))
                 for again in registrar.kept:
                     table.truncate(begin)
-                    tracks = self._learned(registrar, again, None, rows, table)
+                    tracks = registrar.scan(self._core, again, None, **where)
             if registrar.is_first and not recording:
                 table.truncate(begin)
             found.append(tracks)
@@ -321,17 +344,10 @@ class Tracker:
         own = table.keep_confirmed(own, self.n_threads) if recording else own
         return TrackTable._of(table, own)
 
-    def _learned(
-        self, registrar: Registrar, plots: Plots, end: float | None, rows: str, table: TrackColumns
-    ) -> IntArray:
-        """Add the rows of a scan, with the uncertainty of the errors in their covariances."""
-        core, first, begin = self._core, self._core.plots, table.count
-        registrar.prepare(core)
-        tracks = self._scan(registrar.correct(plots), end, rows, table)
-        registrar.weigh_delays(core, recording=rows == "all")
-        noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
-        core.shift(*registrar.learn(plots, first, tracks, added, noise, time=time, alive=alive))
-        return tracks
+    def _doubts(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
+        """Return what there is to say after these plots, which led to these rows."""
+        said = self._doubted.after(table, plots, names)
+        return clock_doubts(self._core, names) + said
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
         """Predict where the confirmed tracks will be, without changing them.
@@ -505,7 +521,7 @@ class Tracker:
         TypeError
             If the number is not an integer.
         """
-        self._suspend(track, suspended=True)
+        self._core.suspend_plan(integer(track, "track", 1), suspended=True)
 
     def resume_plan(self, track: int) -> None:
         """Use the suspended flight plan of a track again, as soon as the track is back on it.
@@ -525,10 +541,7 @@ class Tracker:
         TypeError
             If the number is not an integer.
         """
-        self._suspend(track, suspended=False)
-
-    def _suspend(self, track: int, *, suspended: bool) -> None:
-        self._core.suspend_plan(integer(track, "track", 1), suspended)
+        self._core.suspend_plan(integer(track, "track", 1), suspended=False)
 
     @property
     def suspended_plans(self) -> IntArray:
@@ -539,12 +552,12 @@ class Tracker:
         """Return the complete state of the tracker, which does not change with it."""
         saved = self._core.__getstate__()
         own = self.sensors, [*self._plans], self.clock_period, self.lag, self.n_threads
-        return *own, copy(self._registrar), saved
+        return *own, copy(self._registrar), deepcopy(self._doubted), saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""
         self.sensors, self._plans, self.clock_period, self.lag, *rest = state
-        self.n_threads, self._registrar, saved = rest
+        self.n_threads, self._registrar, self._doubted, saved = rest
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
@@ -552,49 +565,10 @@ class Tracker:
         return f"Tracker({len(self.sensors)} sensors, time {self._core.time:.6g} s)"
 
 
-def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable:
-    """Track a whole recording.
-
-    Parameters
-    ----------
-    plots : Plots
-        Plots in any order.
-    sensors : sequence of Radar, PositionSensor or Station
-        The sensors.
-    **options
-        Options of `Tracker`.
-
-    Returns
-    -------
-    TrackTable
-        All confirmed tracks, from their first plot on.
-
-    Raises
-    ------
-    ValueError, TypeError
-        As for `Tracker`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tertia.tracker import Plots, Radar, track
-    >>> radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
-    >>> time = np.arange(0.0, 100.0, 4.0)
-    >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
-    TrackTable(1 tracks, 25 rows)
-    """
-    return tracked(plots, sensors, **options)[0]
-
-
-def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[TrackTable, Bias]:
-    """Return the tracks of a recording, and the errors of the sensors as estimated at its end."""
-    tracker = Tracker(sensors, **options)
-    return tracker._track(plots, None, True), tracker.bias
-
-
 def _alone(
     plots: Plots, sensor: Radar | PositionSensor, count: int, profile: ProfileName
 ) -> TrackTable:
     """Return the tracks from the plots of one sensor that have at least `count` plots."""
     own, few = replace(plots, sensor=np.zeros(len(plots), np.int64)), (count, count + 1)
-    return track(own, [sensor], motion="cv", confirmation=few, profile=profile, registration=False)
+    tracker = Tracker([sensor], motion="cv", confirmation=few, profile=profile, registration=False)
+    return tracker._track(own, None, recording=True)

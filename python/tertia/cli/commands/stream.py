@@ -445,7 +445,10 @@ class _Stream:
         if not gathered or clock is None:
             return
         rows = pl.concat(gathered)
-        table = self._tracker.update(plots_of(rows, clock, self._plots.sensors))
+        plots = plots_of(rows, clock, self._plots.sensors)
+        table = self._tracker._track(plots, None, recording=False)
+        for said in self._tracker._doubts(table, plots, self._plots.sensors.names):
+            note(said)
         self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
         self._arrived.add(rows["row"].to_numpy())
         self._show(table)
