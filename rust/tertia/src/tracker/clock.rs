@@ -7,8 +7,10 @@
 use super::plot::{Plot, Plots};
 use serde::{Deserialize, Serialize};
 
-/// Time for which plots must go on until they are believed, in scans of the slowest sensor.
+/// Time for which plots must go on until they are believed, in scans of the slowest sensor; late ones for longer, as
+/// a sensor in time may miss its targets meanwhile.
 const PROGRESS: f64 = 1.5;
+const LATE: f64 = 2.5;
 
 /// A sensor whose plots go on at other times than those of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -158,9 +160,9 @@ impl Clock {
         let is_stated = limits.end.is_some_and(|end| end >= limits.now);
         let goes_on = |sensor: &usize| {
             self.off[*sensor].is_some_and(|own| {
-                let since = own.since.unwrap_or(own.last);
-                own.last - since >= PROGRESS * limits.period
-                    && (own.last > limits.now || !is_stated)
+                let gone_on = (own.last - own.since.unwrap_or(own.last)) / limits.period;
+                let is_ahead = own.last > limits.now;
+                if is_ahead { gone_on >= PROGRESS } else { gone_on >= LATE && !is_stated }
             })
         };
         let here = |sensor: &usize| seen[*sensor].ahead.or(seen[*sensor].late).is_some();
@@ -179,7 +181,7 @@ impl Clock {
     /// Notes, once, the sensors whose plots go on off time while others are in time.
     fn tell(&mut self, newest: f64, limits: &Limits<'_>) {
         for (sensor, own) in self.off.iter_mut().enumerate() {
-            let long = |own: &&mut Off| own.last - own.begun >= PROGRESS * limits.period;
+            let long = |own: &&mut Off| own.last - own.begun >= LATE * limits.period;
             if let Some(own) = own.as_mut().filter(|own| !own.is_told).filter(long) {
                 own.is_told = true;
                 let ahead = own.last - newest;
@@ -255,14 +257,16 @@ mod tests {
         assert_eq!(refused(&mut clock, f64::NEG_INFINITY, &[(0, 0.0), (0, 1.0), (0, 900.0)]), 1);
         assert_eq!(refused(&mut clock, 1.0, &[(0, 900.0), (0, 903.9)]), 2);
         // the first sensor is in time meanwhile
-        assert_eq!(refused(&mut clock, 1.0, &[(0, 5.0), (1, 908.0)]), 1);
-        assert_eq!(refused(&mut clock, 5.0, &[(1, 912.0)]), 1);
-        assert_eq!(refused(&mut clock, 5.0, &[(1, 916.0)]), 1);
+        for time in [5.0, 9.0, 13.0, 17.0] {
+            assert_eq!(refused(&mut clock, time - 4.0, &[(0, time), (1, 903.0 + time)]), 1);
+        }
         assert_eq!(clock.take_doubts().len(), 1);
-        assert_eq!(refused(&mut clock, 5.0, &[(1, 920.0)]), 0);
+        assert_eq!(refused(&mut clock, 17.0, &[(1, 924.0)]), 1);
+        assert_eq!(refused(&mut clock, 17.0, &[(1, 928.0)]), 1);
+        assert_eq!(refused(&mut clock, 17.0, &[(1, 932.0)]), 0);
         // those of all sensors need not go on
-        assert_eq!(refused(&mut clock, 920.0, &[(0, 1500.0)]), 1);
-        assert_eq!(refused(&mut clock, 920.0, &[(1, 1501.0)]), 0);
+        assert_eq!(refused(&mut clock, 932.0, &[(0, 1500.0)]), 1);
+        assert_eq!(refused(&mut clock, 932.0, &[(1, 1501.0)]), 0);
         // nor those that are in one call for long enough
         assert_eq!(refused(&mut clock, 1501.0, &[(0, 1505.0), (0, 2500.0), (0, 2507.0)]), 0);
         assert_eq!(refused(&mut clock, 1501.0, &[(1, 1505.0), (0, 2500.0), (0, 2507.0)]), 2);
@@ -272,10 +276,10 @@ mod tests {
     #[test]
     fn late_plots_are_believed_when_they_go_on_alone() {
         let mut clock = Clock::default();
-        for time in [10.0, 14.0] {
+        for time in [10.0, 14.0, 18.0] {
             assert_eq!(refused(&mut clock, 100.0, &[(0, time)]), 0);
         }
-        assert_eq!(judged(&mut clock, 100.0, &[(0, 18.0)]), Verdict::Restart);
+        assert_eq!(judged(&mut clock, 100.0, &[(0, 22.0)]), Verdict::Restart);
         assert!(clock.take_doubts()[0].is_believed);
         for time in [10.0, 14.0, 18.0, 22.0] {
             assert_eq!(refused(&mut clock, 100.0 + time, &[(0, time), (1, 100.0 + time)]), 0);
