@@ -15,9 +15,10 @@ from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
 from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
-from tertia.tracker import Plots, TrackTable, track
+from tertia.tracker import Plots, TrackTable
 from tertia.tracker._errors import Errors, equal_periods, errors, in_periods, with_bias
 from tertia.tracker._models import with_heights
+from tertia.tracker._recording import tracked
 from tertia.tracker._sensors import interval, sensors_of
 from tertia.tracker._start import columns_of, start
 
@@ -153,9 +154,14 @@ def register(
                 f"tracks is of {len(tracks.track_of_plot)} plots; it must be of the {len(plots)} "
                 "given"
             )
-    run: Run = partial(track, registration=False, n_threads=n_threads, **options)
+    run: Run = partial(_quiet, registration=False, n_threads=n_threads, **options)
     plots = with_heights(plots, sites, options.get("profile", "aircraft"))
     return rounds(plots, sites, run, tracks).registration
+
+
+def _quiet(plots: Plots, sensors: Sequence[Radar | PositionSensor], **options: Any) -> TrackTable:
+    """Return the tracks, without warnings of what the errors of the sensors cause."""
+    return tracked(plots, sensors, **options)[0]
 
 
 def rounds(

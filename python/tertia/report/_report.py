@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tertia import tracker
 from tertia._arrays import positive_number
 from tertia.flightplan import FlightPlan
 from tertia.metrics import Truth
@@ -20,7 +19,9 @@ from tertia.report._summary import summary
 from tertia.report._times import Times
 from tertia.sensors import Radar, Station
 from tertia.tracker import Motion, Plots, TrackTable
+from tertia.tracker._doubts import Shared
 from tertia.tracker._models import with_heights
+from tertia.tracker._recording import tracked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,12 +189,17 @@ def make(
         )
 
     def run(own: Plots, sites: Sequence[Radar], *, registration: bool | None = False) -> TrackTable:
-        return tracker.track(
-            own, sites, motion=motion, plans=plans, registration=registration, **options
-        )
+        chosen = {"motion": motion, "plans": plans, "registration": registration}
+        return tracked(own, sites, **chosen, **options)[0]
+
+    def corrected(own: Plots, sites: Sequence[Radar]) -> TrackTable:
+        table = run(own, sites, registration=True)
+        for said in Shared(sites).doubts(table, last=True):
+            warnings.warn(said, UserWarning, stacklevel=2)
+        return table
 
     corrects = len(sensors) > 1 if registration is None else registration
-    together = partial(run, registration=True) if corrects else run
+    together = corrected if corrects else run
 
     def quiet(what: str, share: float) -> None:
         pass

@@ -37,7 +37,7 @@ from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._placement import placed
 from tertia.tracker._plots import Plots
-from tertia.tracker._recording import track
+from tertia.tracker._recording import track, tracked
 from tertia.tracker._registrar import is_registrable
 from tertia.tracker._sensors import interval, refuse_deviations, velocities_of
 from tertia.tracker._systematic import Placed, systematic
@@ -279,7 +279,10 @@ def smooth_tracks(
         unknown = registration.covariance
     updates = _updates(tracks, plots)
     if registration is None and is_registrable(sites):
-        seen = track(plots, sites, motion=motion) if tracks is None else tracks[updates]
+        if tracks is None:
+            seen = tracked(plots, sites, motion=motion)[0]
+        else:
+            seen = tracks[updates]
         known = errors(plots, seen, sites)
         (better, sites), unknown = known.removed(plots, sites), known.covariance
     if tracks is None:
