@@ -279,10 +279,7 @@ def smooth_tracks(
         unknown = registration.covariance
     updates = _updates(tracks, plots)
     if registration is None and is_registrable(sites):
-        if tracks is None:
-            seen = tracked(plots, sites, motion=motion)[0]
-        else:
-            seen = tracks[updates]
+        seen = tracked(plots, sites, motion=motion)[0] if tracks is None else tracks[updates]
         known = errors(plots, seen, sites)
         (better, sites), unknown = known.removed(plots, sites), known.covariance
     if tracks is None:
