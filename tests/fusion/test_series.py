@@ -544,6 +544,20 @@ def test_intersection_of_equals_is_their_mean():
     np.testing.assert_allclose(result.weights[:, :, 2:, 0], 0.5, atol=1e-3)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_order_of_the_radars_does_not_matter_before_there_are_tracks(method):
+    """The angle was that of the first radar, or unknown if its plot was not new."""
+    z = np.array([[NAN, NAN, 51.1], [NAN, 50.4, NAN], [49.9, NAN, NAN]])
+    variance = np.array([[0.01], [0.01], [0.04]])
+    one = fuse_series(z, variance, MODEL, method="central")
+    for order in ([0, 1, 2], [2, 0, 1]):
+        found = fuse_series(z[order], variance[order], MODEL, method=method)
+        if method != "robust":
+            np.testing.assert_array_equal(found.mean[:, 0], one.mean[:, 0])
+            np.testing.assert_array_equal(found.upper[:, 0], one.upper[:, 0])
+        assert np.isfinite(found.sigma[:, 0]).all()
+
+
 # noise that lasts
 
 
@@ -574,6 +588,22 @@ def test_the_covariance_grows_where_noise_lasts(correlation):
     assert np.all(given.covariance[..., 0, 0] >= plain.covariance[..., 0, 0])
     np.testing.assert_array_equal(given.correlation_time, np.tile([30.0, 0.0], (20, 1)))
     assert found.systematic == "not included"
+
+
+def test_covariance_intersection_grows_where_noise_lasts():
+    """As the covariance of one radar does, because its covariance is as large as that of one."""
+    _, z = lasting_scene(0.9)
+    model = SingerModel(5.0, 0.05, 0.003)
+    options = {"period": 360.0, "method": "covariance-intersection"}
+    plain, found = (fuse_series(z, 0.01, model, correlation_time=c, **options) for c in (0, 50.0))
+    one, lasting = (
+        fuse_series(z[:, :1], 0.01, model, correlation_time=c, **options) for c in (0, 50.0)
+    )
+    grown, expected = found.upper[..., 20:, 0], lasting.upper[..., 20:, 0]
+    np.testing.assert_allclose(
+        grown / plain.upper[..., 20:, 0], expected / one.upper[..., 20:, 0], rtol=1e-3
+    )
+    assert np.all(grown > 1.2 * plain.upper[..., 20:, 0])
 
 
 @pytest.mark.parametrize("wrong", [-1.0, [1.0, 2.0, 3.0], NAN])

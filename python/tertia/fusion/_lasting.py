@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.smoothing import smooth
 
 
@@ -29,13 +29,20 @@ def correlation_times(
 
 
 def growth(
-    variance: FloatArray, stated: FloatArray, used: FloatArray, there: FloatArray, phi: FloatArray
+    variance: FloatArray,
+    stated: FloatArray,
+    used: FloatArray,
+    there: BoolArray,
+    phi: FloatArray,
+    *,
+    is_bound: bool,
 ) -> FloatArray:
     """Return the factors by which correlated noise increases the covariances (..., steps).
 
-    `variance` is the variance of the fused angle. `stated` and `used` (..., K, steps) are the
-    variances of the plots as stated and as used by the method. `there` tells which plots exist, and
-    `phi` (..., K) are the correlations of successive plots of each radar.
+    `variance` is the variance of the fused angle; with `is_bound`, it is that of covariance
+    intersection, which is as large as if there were only one radar. `stated` and `used` (..., K,
+    steps) are the variances of the plots as stated and as used by the method. `there` tells which
+    plots exist, and `phi` (..., K) are the correlations of successive plots of each radar.
 
     A filter with the gain K averages plots with the weights K (1 - K)^j, where j counts the plots
     back from the last one. Its variance consists of a part K / (2 - K) from white noise and a part
@@ -44,7 +51,8 @@ def growth(
     """
     information = there / used
     total = np.maximum(np.sum(information, axis=-2).mean(axis=-1), np.finfo(float).tiny)
-    gain = np.clip(variance * total[..., np.newaxis], 0.0, 1.0)
+    radars = np.maximum(np.any(there, axis=-1).sum(axis=-1), 1) if is_bound else 1
+    gain = np.clip(variance * (total / radars)[..., np.newaxis], 0.0, 1.0)
     shares = information.sum(axis=-1)
     shares /= np.maximum(shares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     lasting = (1 - gain) * np.sum(shares * phi, axis=-1)[..., np.newaxis]

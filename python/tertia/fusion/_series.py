@@ -318,7 +318,9 @@ def fuse_series(
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
     if lasting.any():
         variance = spread(stated, plots.shape)
-        factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
+        is_bound = method == "covariance-intersection"
+        there = ~np.isnan(plots)
+        factor = growth(upper[..., 0], variance, noise, there, phi, is_bound=is_bound)
         upper = upper * factor[..., np.newaxis]
     found = FusedSeries(
         mean,

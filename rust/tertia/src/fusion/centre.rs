@@ -363,10 +363,15 @@ impl Centre {
         State { covariance, ..combined }
     }
 
-    /// State before any radar has two plots.
+    /// State before any radar has two plots: the angle that one filter for all plots has. The rate is that of
+    /// the tracks, of which there are none yet.
     fn unfused(&self) -> State {
-        let states = self.radars.iter().map(|radar| radar.filter.state());
-        states.into_iter().find(|state| !state.mean[0].is_nan()).unwrap_or(State::UNKNOWN)
+        let State { mean: [angle, _, acceleration], covariance: [p00, .., p22] } =
+            self.central.state();
+        State {
+            mean: [angle, if angle.is_nan() { angle } else { 0.0 }, acceleration],
+            covariance: [p00, 0.0, 0.0, f64::INFINITY, 0.0, p22],
+        }
     }
 
     fn mean(&self, i: usize) -> Vector3<f64> {
