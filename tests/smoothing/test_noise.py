@@ -359,3 +359,17 @@ def test_two_sensors_in_turn_without_systematic_errors():
     rmse, held = judged(found, truth)
     assert rmse < 1.03 * judged(smooth(y, covariance, time=STEPS, **STATED), truth)[0]
     assert 0.92 < held < 0.98
+
+
+@pytest.mark.parametrize("length", [6, 12])
+def test_a_stay_between_two_moves(length):
+    """A, B, C: the plots at B were taken for outliers between two jumps, and left out."""
+    truth = np.zeros((10, 80, 2))
+    truth[:, 30:] = [60.0, 0.0]
+    truth[:, 30 + length :] = [60.0, 80.0]
+    y = truth + rng(32).standard_normal(truth.shape)
+    found = smooth(y, 1.0)
+    rmse, inside = judged(found, truth)
+    assert rmse < 0.7
+    assert inside > 0.9
+    assert np.mean(found.outlier) < 0.01

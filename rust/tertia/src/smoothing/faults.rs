@@ -9,7 +9,7 @@
 
 use super::fit::Family;
 use super::lasting::Found;
-use super::model::{Faults, LastingNoise};
+use super::model::{Faults, LastingNoise, Model};
 use super::search::{Near, Scale, Search};
 use super::seen::Quantity;
 use super::track::Track;
@@ -31,7 +31,7 @@ const LONG: usize = 4;
 const FEW: usize = 3;
 /// Least number of plots between jumps.
 const APART: usize = 5;
-/// Two jumps with at most this share of the plots between them are the ends of a run of outliers.
+/// Two jumps with at most this share of the plots between them may be the ends of a run of outliers.
 const RUN: f64 = 0.2;
 
 /// Parts of the measurements of each instant: positions, and velocities if these are measured.
@@ -74,6 +74,12 @@ impl<'a> Parts<'a> {
         let relative = own.filter(|(misfit, _)| !misfit.is_nan());
         let mut relative: Vec<f64> = relative.map(|(x, &count)| x / self.medians[count]).collect();
         if relative.is_empty() { 1.0 } else { median(&mut relative).max(1.0) }
+    }
+
+    /// Least statistic of a jump.
+    fn jump_limit(&self, misfit: &[f64]) -> f64 {
+        let unit = self.unit(misfit, Quantity::Position);
+        JUMP_LIMIT * self.limits[self.track.dimension] * unit
     }
 }
 
@@ -130,6 +136,7 @@ fn settle<const M: usize, const S: usize, const N: usize>(
 ) -> Option<Settled> {
     let mut found = Found::default();
     let mut misfit = vec![0.0; parts.counts.len()];
+    let mut judged = faults.jumps.clone();
     for _ in 0..ROUNDS {
         let best = search.best(family, LastingNoise::NONE, scale, &faults, near);
         near.intensity = family.log(best.model.motion).max(f64::MIN_POSITIVE.ln());
@@ -139,7 +146,14 @@ fn settle<const M: usize, const S: usize, const N: usize>(
         for (part, misfit) in misfit.iter_mut().enumerate() {
             *misfit = of_part::<S>(parts, part, &found, faults.gross[part]);
         }
-        let next = changed(parts, &faults, &misfit, &found.jump);
+        let limit = parts.jump_limit(&misfit);
+        let is_new = judged != faults.jumps;
+        judged.clone_from(&faults.jumps);
+        let next = match is_new.then(|| without_returns(search, parts, &best.model, &faults, limit))
+        {
+            Some(closed) if closed != faults => closed,
+            _ => changed(parts, &faults, &misfit, &found.jump),
+        };
         if next == faults {
             break;
         }
@@ -215,11 +229,9 @@ fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> 
         .filter(|&k| is_free(k))
         .max_by(|&a, &b| jump[a].total_cmp(&jump[b]));
     let largest = (0..misfit.len()).map(at).fold(0.0, f64::max);
-    let limit = parts.limits[parts.track.dimension] * unit;
-    let least = (JUMP_LIMIT * limit).max(OVER_OUTLIER * largest);
+    let least = parts.jump_limit(misfit).max(OVER_OUTLIER * largest);
     if let Some(k) = strongest.filter(|&k| jump[k] > least) {
         next.jumps[k] = true;
-        close_runs(each, &mut next);
         return next;
     }
     let limit = |part: usize| parts.limits[parts.counts[part]] * unit;
@@ -231,19 +243,32 @@ fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> 
     next
 }
 
-/// Replaces two jumps near each other by outliers of all positions between them; `each` is the number of
-/// parts of an instant.
-fn close_runs(each: usize, faults: &mut Faults) {
-    let n = faults.jumps.len();
+/// Returns the faults with outliers in place of two jumps near each other, if the path after both agrees with
+/// the path before: if no jump remains when all positions between them are left out. Otherwise the target has
+/// moved on from there, and the jumps stay.
+fn without_returns<const M: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
+    parts: &Parts<'_>,
+    model: &Model,
+    faults: &Faults,
+    limit: f64,
+) -> Faults {
+    let (n, mut found, mut closed) = (parts.track.len(), Found::default(), faults.clone());
     let jumps: Vec<usize> = (0..n).filter(|&k| faults.jumps[k]).collect();
     for pair in jumps.windows(2) {
         let (first, last) = (pair[0], pair[1]);
-        if faults.jumps[first] && (last - first) as f64 <= RUN * n as f64 {
-            (first..last).for_each(|k| faults.gross[k * each] = true);
-            faults.jumps[first] = false;
-            faults.jumps[last] = false;
+        if !closed.jumps[first] || (last - first) as f64 > RUN * n as f64 {
+            continue;
+        }
+        let mut other = closed.clone();
+        (first..last).for_each(|k| other.gross[k * parts.each()] = true);
+        (other.jumps[first], other.jumps[last]) = (false, false);
+        let smoothed = search.engine.smooth(parts.track, model, &other, &mut found);
+        if smoothed.is_some() && found.jump[last] <= limit {
+            closed = other;
         }
     }
+    closed
 }
 
 /// Returns the squared difference of a part from the estimate that all other measurements give, divided by

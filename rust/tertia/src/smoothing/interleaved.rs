@@ -101,7 +101,7 @@ impl Interleaved {
         let mut sensors: Vec<(Shape<D>, usize)> = Vec::new();
         let (mut last, mut turns) = (None, 0);
         let mut sensor = vec![None; track.len()];
-        for k in 0..track.len() {
+        for (k, from) in sensor.iter_mut().enumerate() {
             let Some(shape) = Shape::of(track, k) else { continue };
             let divergences = sensors.iter().map(|(own, _)| own.divergence(&shape)).enumerate();
             let nearest = divergences.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -117,7 +117,7 @@ impl Interleaved {
                     sensors.len() - 1
                 }
             };
-            (sensor[k], last) = (Some(own), Some(own));
+            (*from, last) = (Some(own), Some(own));
         }
         let least = (TURNS * track.len() as f64).max(LEAST_TURNS);
         let counts = sensors.into_iter().map(|(_, count)| count).collect();
