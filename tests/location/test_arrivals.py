@@ -471,3 +471,17 @@ def test_wrong_sigmas_of_the_speed():
                 propagation_speed=343.0,
                 propagation_speed_sigma=sigma,
             )
+
+
+def test_positions_from_range_differences_do_not_depend_on_units():
+    """The error of the first station grows with the others if the measurements contradict."""
+    places = np.array([[0, 0], [5000, 0], [0, 5000], [5000, 5000], [2500, 8000], [-3000, 2500.0]])
+    rng = np.random.default_rng(1)
+    target = rng.uniform(500, 4500, (50, 2))
+    distance = np.linalg.norm(target[:, np.newaxis] - places, axis=-1)
+    distance += 40 * rng.standard_normal(distance.shape)
+    difference = distance[:, 1:] - distance[:, :1]
+    metres = locate(places, range_difference=difference, range_difference_sigma=28.0)
+    km = locate(places / 1e3, range_difference=difference / 1e3, range_difference_sigma=0.028)
+    np.testing.assert_allclose(km.position, metres.position / 1e3, rtol=1e-4)
+    np.testing.assert_allclose(km.covariance, metres.covariance / 1e6, rtol=1e-3)

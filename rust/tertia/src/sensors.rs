@@ -13,7 +13,7 @@ pub use channel::{Channel, Detection, Way};
 pub(crate) use identity::both;
 pub use identity::{Identities, IdentityKind, callsign_number, callsign_text};
 pub use measurement::predict;
-pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
+pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read, relative};
 #[cfg(test)]
 pub(crate) use radar::radar_of;
 pub(crate) use radar::{HEIGHT_SIGMA, LEAST_ACROSS};

@@ -27,7 +27,7 @@ use super::lane::LANES;
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
-use crate::sensors::{KINDS, Kind};
+use crate::sensors::{KINDS, Kind, relative};
 
 /// Largest number of instants of a batch, evenly spread, that are examined.
 pub(super) const SAMPLE: usize = 256;
@@ -118,12 +118,15 @@ impl Contradiction {
     }
 }
 
+/// Multiplies the variances of each instant by factors, where they are `free`. Where others are known, nan
+/// means that nothing is measured, as at the first station of range differences.
 pub(super) fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) {
     let stations = free.len() / KINDS;
     for instant in sigmas.chunks_mut(free.len()) {
+        let are_unknown = instant.iter().all(|sigma| sigma.is_nan());
         for (place, sigma) in instant.iter_mut().enumerate().filter(|(place, _)| free[*place]) {
-            let known = if sigma.is_nan() { 1.0 } else { *sigma };
-            *sigma = known * factor[place / stations].sqrt();
+            let own = if are_unknown { relative(*sigma) } else { *sigma };
+            *sigma = own * factor[place / stations].sqrt();
         }
     }
 }

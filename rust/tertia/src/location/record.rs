@@ -9,7 +9,7 @@ use super::minimum::Minimum;
 use super::search::{Buffers, Search, least, states};
 use super::starts;
 use crate::base::small::{Vector, dot, norm};
-use crate::sensors::{KINDS, Kind, Measurement, Row, read};
+use crate::sensors::{KINDS, Kind, Measurement, Row, read, relative};
 
 /// Place of a height, which is not among the values of an instant.
 pub(super) const NOWHERE: usize = usize::MAX;
@@ -63,8 +63,7 @@ impl Instant<'_> {
         let differences =
             Kind::RangeDifference as usize * k..(Kind::RangeDifference as usize + 1) * k;
         let least = self.sigmas[differences].iter().copied().fold(f64::NAN, f64::min);
-        let own = if least.is_nan() { 1.0 } else { least };
-        let common = correlation * own * own + self.survey(0).powi(2);
+        let common = correlation * relative(least).powi(2) + self.survey(0).powi(2);
         (common > 0.0).then_some(common)
     }
 

@@ -251,6 +251,11 @@ fn series<const TERMS: u8>(t: f64) -> f64 {
     t - t * sum
 }
 
+/// Returns the standard deviation of a measurement, relative to the common one if it is unknown (nan).
+pub(crate) fn relative(sigma: f64) -> f64 {
+    if sigma.is_nan() { 1.0 } else { sigma }
+}
+
 /// Reads the measurements of an instant, with the index of each number. The numbers are those of K
 /// stations for each kind in turn, nan if missing. Positions are relative to the first station, which
 /// costs no digits; an unknown σ is replaced by 1.
@@ -270,8 +275,7 @@ pub(crate) fn read<const D: usize>(
             if value.is_nan() {
                 continue;
             }
-            let sigma = if sigma.is_nan() { 1.0 } else { sigma };
-            let measurement = Measurement::new(kind, k, station, value, sigma);
+            let measurement = Measurement::new(kind, k, station, value, relative(sigma));
             add(
                 place,
                 match axes {
