@@ -475,3 +475,24 @@ def test_times_beyond_the_range_of_sums():
     time = np.concatenate([time, time + 71.3]) * scale
     heard = Arrivals(time, np.repeat([0, 1], 200), np.full(400, TAG))
     assert len(group_arrivals(heard)) == 400
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3, 4], [3, 1, 4, 0, 2]])
+def test_a_path_without_beacons_is_found_whatever_the_start(order: list[int]) -> None:
+    """Emissions that are located one by one with wrong clocks lead to a wrong path."""
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(8, 12, 80))
+    truth = np.column_stack([200 + 0.9 * time, 300 + 200 * np.sin(time / 200)])
+    places = np.array([[0, 0], [800, 100], [100, 900], [900, 1000], [400, -300.0]])
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    arrival = time[:, np.newaxis] + distance / 1500 + 2e-4 * rng.standard_normal(distance.shape)
+    arrival += [0, 0.3, -0.2, 0.5, 0.1]
+    emission, sensor = np.nonzero(rng.random(distance.shape) < 0.8)
+    heard = Arrivals(
+        arrival[emission, sensor], np.argsort(order)[sensor], np.zeros(len(sensor), int)
+    )
+    stations = [Station(places[at], arrival_time_sigma=2e-4) for at in order]
+    track = reconstruct_arrivals(stations, heard, propagation_speed=1500.0)
+    known = np.searchsorted(time, track.time + 4.0) - 1
+    off = track.position - truth[known]
+    assert np.median(np.hypot(*off.T)) < 5.0

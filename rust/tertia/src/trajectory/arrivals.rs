@@ -17,6 +17,7 @@ mod scene;
 mod side;
 mod solve;
 mod start;
+mod starts;
 
 pub use arrange::{Heard, arrange};
 pub use group::{Alignment, Line, align, group};

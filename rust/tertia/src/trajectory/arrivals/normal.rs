@@ -186,6 +186,14 @@ impl Normal {
         Ok((step, emission, decrement))
     }
 
+    /// Half the logarithm of the determinant of the information about the unknowns and the emissions, once the
+    /// matrix is factorised.
+    pub fn half_ln_determinant(&self) -> f64 {
+        let unknowns = (0..self.matrix.order()).map(|i| self.matrix.get(i, i).ln());
+        let emissions = self.emissions.iter().map(|own| 0.5 * own.weight.ln());
+        unknowns.sum::<f64>() + emissions.sum::<f64>()
+    }
+
     /// Variances of the emission times, from elements of the inverse.
     pub fn emission_variances(&self, inverse: &Skyline) -> Vec<f64> {
         let variance = |own: &Eliminated| {

@@ -6,7 +6,10 @@ use super::linear::{Group, Row};
 use super::normal::{Normal, Weights};
 use super::problem::{Model, Problem, State};
 use super::scene::{Scene, Solution, Undetermined};
+use super::start::median;
+use super::starts::Start;
 use crate::base::skyline::Skyline;
+use crate::base::small::{Factor, dot};
 
 /// Largest number of steps; number of steps before the intensities are estimated; least number of steps.
 const ITERATIONS: usize = 100;
@@ -103,34 +106,55 @@ struct Search<'a, 'b, const D: usize> {
     free: f64,
     /// Last change of the logarithm of each intensity.
     last: Vec<f64>,
+    /// Whether positions are searched anew.
+    relocates: bool,
 }
 
+/// A solution, and minus the logarithm of its evidence.
+type Found = (Solution, f64);
+
 /// Solves the scene; with a mirror, emissions are searched on the side of its normal. Also returns minus the
-/// logarithm of the joint density of the measurements and the unknowns, up to a constant.
+/// logarithm of the evidence (Laplace's approximation), up to a constant.
 ///
 /// # Errors
 /// The measurements do not determine an unknown.
 pub(super) fn solve_beside<const D: usize>(
     scene: &Scene<D>,
     mirror: Option<Mirror<D>>,
-) -> Result<(Solution, f64), Undetermined> {
+) -> Result<Found, Undetermined> {
     let problem = Problem { mirror, ..Problem::new(scene, None) };
-    let named = |column| problem.undetermined(column);
-    let (state, scale) = problem.start().map_err(|_| Undetermined::Other)?;
-    let model = problem.first_model(&state, scale);
-    let mut search = Search {
-        problem: &problem,
-        state,
-        lowest: model.clone(),
-        model,
-        free: 1.0,
-        last: Vec::new(),
-    };
-    let solution = search.run().map_err(named)?;
-    Ok((solution, search.cost()))
+    let mut best: Option<Found> = None;
+    for start in problem.starts() {
+        match problem.search(start, best.as_ref()) {
+            // found twice
+            Ok(None) => break,
+            Ok(Some(found)) if best.as_ref().is_none_or(|best| found.1 < best.1) => {
+                best = Some(found);
+            }
+            Err(why) if best.is_none() => return Err(why),
+            _ => {}
+        }
+    }
+    best.ok_or(Undetermined::Other)
 }
 
 impl<const D: usize> Problem<'_, D> {
+    /// Searches from a start; none if the path of `best` is found again.
+    fn search(&self, start: Start<D>, best: Option<&Found>) -> Result<Option<Found>, Undetermined> {
+        let (state, scale) = self.start(start).map_err(|_| Undetermined::Other)?;
+        let model = self.first_model(&state, scale);
+        let mut search = Search {
+            problem: self,
+            state,
+            lowest: model.clone(),
+            model,
+            free: 1.0,
+            last: Vec::new(),
+            relocates: matches!(start, Start::Apart),
+        };
+        search.run(best.map(|best| &best.0)).map_err(|column| self.undetermined(column))
+    }
+
     fn undetermined(&self, column: usize) -> Undetermined {
         match self.layout.unknown::<D>(column, self.scene.is_base.len()) {
             Unknown::Motion(emission) => Undetermined::Motion(self.identity[emission]),
@@ -179,7 +203,8 @@ impl<const D: usize> Problem<'_, D> {
 }
 
 impl<const D: usize> Search<'_, '_, D> {
-    fn run(&mut self) -> Result<Solution, usize> {
+    /// Returns none as soon as the path agrees with another one.
+    fn run(&mut self, other: Option<&Solution>) -> Result<Option<Found>, usize> {
         let problem = self.problem;
         let (mut rows, mut priors) = (problem.rows(&self.state), problem.priors(&self.state));
         let mut envelope = problem.envelope(&rows, &priors);
@@ -187,7 +212,7 @@ impl<const D: usize> Search<'_, '_, D> {
         let (mut is_converged, mut change) = (false, f64::INFINITY);
         let mut mended = 0;
         while iterations < ITERATIONS && !is_converged {
-            if RELOCATED.contains(&iterations) {
+            if self.relocates && RELOCATED.contains(&iterations) {
                 self.relocate();
                 (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
             }
@@ -205,6 +230,9 @@ impl<const D: usize> Search<'_, '_, D> {
             }
             envelope = normal.matrix;
             iterations += 1;
+            if iterations >= FEWEST && other.is_some_and(|other| self.agrees(other)) {
+                return Ok(None);
+            }
             is_converged = iterations >= FEWEST && decrement < DECREMENT && change < CHANGE;
             let may_be_torn = (is_converged || iterations == ITERATIONS / 2) && mended < MENDED;
             if may_be_torn && problem.mend(&mut self.state, &mut self.model, &priors) {
@@ -217,8 +245,23 @@ impl<const D: usize> Search<'_, '_, D> {
         weights.thin(problem, &rows);
         let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
         normal.step()?;
+        let evidence = self.cost() + normal.half_ln_determinant();
         let inverse = normal.matrix.inverse();
-        Ok(self.solution(&normal, &inverse, &rows, &weights, (is_converged, iterations)))
+        let ended = (is_converged, iterations);
+        Ok(Some((self.solution(&normal, &inverse, &rows, &weights, ended), evidence)))
+    }
+
+    /// Whether most positions are within a standard deviation, as a rule, of those of another solution.
+    fn agrees(&self, other: &Solution) -> bool {
+        let n = 3 * D;
+        let own = other.mean.chunks_exact(n).zip(other.covariance.chunks_exact(n * n));
+        let square = |(emission, (mean, covariance)): (&usize, (&[f64], &[f64]))| {
+            let place = &self.state.motion[*emission][0];
+            let offset: [f64; D] = std::array::from_fn(|i| place[i] - mean[i]);
+            let spread = std::array::from_fn(|i| std::array::from_fn(|j| covariance[i * n + j]));
+            Factor::try_new(&spread, 0.0).map_or(f64::INFINITY, |f| dot(&offset, &f.solve(&offset)))
+        };
+        median(&mut other.moving.iter().zip(own).map(square).collect::<Vec<f64>>()) < 1.0
     }
 
     /// Minus the logarithm of the joint density, up to a constant that does not depend on the intensities.

@@ -1,9 +1,10 @@
-//! Starting point: clocks from beacons, then positions of moving identities one by one.
+//! Starting point: clocks from beacons, then positions of moving identities.
 
 use super::linear::{Group, Row};
 use super::normal::Weights;
 use super::problem::{Model, NU, Problem, State};
 use super::scene::{Arrival, Scene};
+use super::starts::Start;
 use crate::base::small::Factor;
 
 /// Largest number of steps in which the scale of the errors decreases; least factor of a decrease; first
@@ -51,9 +52,13 @@ struct Fix<const D: usize> {
 
 impl<const D: usize> Problem<'_, D> {
     /// Returns the starting point, and the scale of the errors there.
-    pub fn start(&self) -> Result<(State<D>, f64), usize> {
+    pub fn start(&self, start: Start<D>) -> Result<(State<D>, f64), usize> {
         let mut state = self.origin();
-        state.clock = self.steady(&self.middle);
+        let place = match start {
+            Start::Apart => self.middle,
+            Start::Together(place) => place,
+        };
+        state.clock = self.steady(&place);
         let mut scale = FINEST * self.extent;
         let mut is_known = vec![true; self.scene.is_base.len()];
         if let Some(scene) = beacons_alone(self.scene) {
@@ -67,8 +72,16 @@ impl<const D: usize> Problem<'_, D> {
             }
             is_known = counts.iter().map(|&count| count >= ENOUGH).collect();
         }
-        self.relocate(&mut state, &is_known, scale.max(FINEST * self.extent));
-        self.emit(&mut state, |emission| self.layout.motion[emission].is_none());
+        match start {
+            Start::Apart => {
+                self.relocate(&mut state, &is_known, scale.max(FINEST * self.extent));
+                self.emit(&mut state, |emission| self.layout.motion[emission].is_none());
+            }
+            Start::Together(_) => {
+                state.motion.iter_mut().for_each(|motion| motion[0] = place);
+                self.emit(&mut state, |_| true);
+            }
+        }
         let rows = self.rows(&state);
         Ok((state, self.spread(&rows)))
     }
