@@ -485,3 +485,18 @@ def test_positions_from_range_differences_do_not_depend_on_units():
     km = locate(places / 1e3, range_difference=difference / 1e3, range_difference_sigma=0.028)
     np.testing.assert_allclose(km.position, metres.position / 1e3, rtol=1e-4)
     np.testing.assert_allclose(km.covariance, metres.covariance / 1e6, rtol=1e-3)
+
+
+def test_a_nearly_unbounded_hypothesis_does_not_set_the_sigma():
+    """With one outlier of few arrivals, larger sigmas may move the target to infinity."""
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        count = int(rng.integers(5, 8))
+        places, target = rng.uniform(-5e3, 5e3, (count, 2)), rng.uniform(-4e3, 4e3, 2)
+        distance = np.linalg.norm(target - places, axis=1) + 20 * rng.standard_normal(count)
+        distance[int(rng.integers(count))] += 500
+        try:
+            fix = locate(places, arrival_time=distance, arrival_time_sigma=20.0, **ALIKE)
+        except ValueError:
+            continue
+        assert np.sqrt(np.trace(fix.covariance)) < 3e4

@@ -31,6 +31,9 @@ struct Hypothesis<const D: usize> {
     weight: f64,
     fix: Fix,
     solution: Solution<D>,
+    /// Whether the measurements bound the position: a region that is larger than the distance from all
+    /// stations reaches to infinity but for a likelihood that is hardly above its limit.
+    is_bounded: bool,
 }
 
 impl Locator {
@@ -50,7 +53,7 @@ impl Locator {
         }
         let mut all = self.hypotheses::<D>(instant, free, workspace);
         let Some(best) = settle(&mut all) else { return fix };
-        let unbounded = all.iter().filter(|own| own.fix.status == Status::IllConditioned);
+        let unbounded = all.iter().filter(|own| !own.is_bounded);
         if unbounded.map(|own| own.weight).sum::<f64>() > OUTSIDE {
             out.position.fill(f64::NAN);
             out.covariance.fill(f64::NAN);
@@ -105,8 +108,18 @@ impl Locator {
         let evidence = self.evidence(instant, 0, (free, &[factor; KINDS]), workspace)?;
         let sum: f64 = evidence.likelihood.iter().map(|l| (l - evidence.likelihood[0]).exp()).sum();
         let weight = evidence.likelihood[0] + sum.ln() + prior(doublings).ln();
-        Some(Hypothesis { factor, weight, fix, solution })
+        let is_bounded = fix.status == Status::None && is_within_distance(instant, &solution);
+        Some(Hypothesis { factor, weight, fix, solution, is_bounded })
     }
+}
+
+/// Whether the standard deviation of a position is smaller than its distance from the farthest station.
+fn is_within_distance<const D: usize>(instant: &Instant<'_>, solution: &Solution<D>) -> bool {
+    let square = |station: &[f64]| {
+        station.iter().zip(&solution.position).map(|(s, p)| (p - s) * (p - s)).sum::<f64>()
+    };
+    let farthest = instant.stations.chunks_exact(D).map(square).fold(0.0, f64::max);
+    (0..D).map(|i| solution.covariance[i][i]).sum::<f64>() < farthest
 }
 
 impl<const D: usize> Hypothesis<D> {
@@ -182,7 +195,7 @@ fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
         position: own.solution.position,
         covariance: own.solution.covariance,
     };
-    let bounded: Vec<_> = all.iter().filter(|own| own.fix.status == Status::None).map(of).collect();
+    let bounded: Vec<_> = all.iter().filter(|own| own.is_bounded).map(of).collect();
     let Solution { position, covariance, .. } = &all[best].solution;
     normals::growth(bounded.iter(), position, covariance).max(1.0)
 }
