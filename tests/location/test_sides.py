@@ -121,3 +121,19 @@ class TestInvariance:
             part = measured[start : start + 50]
             some = locate(places, range=part, range_sigma=0.1, bias=Bias())
             assert_array_equal(some.status, np.asarray(batch.status)[start : start + 50])
+
+
+class TestMirrorImages:
+    def test_elevations_are_the_same_on_both_sides_of_two_stations(self):
+        places = np.array([[-3587.1, 381.5, 347.4], [-2028.4, 4320.3, 23.2]])
+        target = np.array([4992.5, -1592.3, 2321.6])
+        offset = target - places
+        distance = np.linalg.norm(offset, axis=1)
+        with pytest.raises(ValueError, match="two positions"):
+            locate(
+                places,
+                elevation=np.arcsin(offset[:, 2] / distance),
+                elevation_sigma=0.003,
+                arrival_time=distance / LIGHT,
+                arrival_time_sigma=2e-8,
+            )

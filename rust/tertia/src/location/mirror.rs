@@ -1,15 +1,18 @@
 //! The line or plane that is nearest to the stations, and its sides.
 
 use crate::base::small::{Factor, Matrix, Vector, dot, longest, quadratic};
-use crate::sensors::Measurement;
+use crate::sensors::{Kind, Measurement};
 
 /// Largest distance of the stations from their plane, as a share of their distances within it (root mean
 /// squares of one coordinate). If it is larger, the measurements distinguish mirror images.
 const THIN: f64 = 0.3;
 /// Smallest variance of the stations across their plane, as a share of the whole.
 const FLAT: f64 = 1e-12;
+/// Axis of the height.
+const UP: usize = 2;
 
 /// The line or plane that is nearest to stations.
+#[derive(Clone, Copy)]
 pub(super) struct Mirror<const D: usize> {
     middle: Vector<D>,
     normal: Vector<D>,
@@ -91,17 +94,28 @@ impl Side {
     }
 }
 
-/// Returns the mirror image of a state in the line or plane that is nearest to the stations. If the
-/// stations lie in it, their distances from both positions are the same. O(M).
-pub(super) fn mirrored<const D: usize, const N: usize>(
+/// Returns the mirror images of a state: in the line or plane that is nearest to the stations, with elevations
+/// or heights in the nearest vertical plane, and with azimuths in the level plane. If the stations lie in such
+/// a plane, their measurements of both positions are the same. O(M).
+pub(super) fn images<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
     state: &Vector<N>,
-) -> Vector<N> {
-    let mirror = Mirror::of(measurements.iter().map(|m| m.station));
-    let height = mirror.height(state);
-    std::array::from_fn(
-        |i| if i < D { state[i] - 2.0 * height * mirror.normal[i] } else { state[i] },
-    )
+) -> impl Iterator<Item = Vector<N>> {
+    let places = measurements.iter().map(|m| m.station);
+    let nearest = Mirror::of(places.clone());
+    let has = |kind: Kind| D == UP + 1 && measurements.iter().any(|m| m.kind == kind);
+    let lift =
+        |level: Vector<2>, up: f64| std::array::from_fn(|i| if i < UP { level[i] } else { up });
+    let upright = (has(Kind::Elevation) || has(Kind::Height)).then(|| {
+        let plan = Mirror::<2>::of(places.map(|p| [p[0], p[1]]));
+        Mirror { normal: lift(plan.normal, 0.0), middle: lift(plan.middle, 0.0), ..nearest }
+    });
+    let level = has(Kind::Azimuth).then(|| Mirror { normal: lift([0.0; 2], 1.0), ..nearest });
+    let state = *state;
+    [Some(nearest), upright, level].into_iter().flatten().map(move |mirror| {
+        let twice = 2.0 * mirror.height(&state);
+        std::array::from_fn(|i| state[i] - if i < D { twice * mirror.normal[i] } else { 0.0 })
+    })
 }
 
 #[cfg(test)]
@@ -109,7 +123,6 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
     use crate::base::small::norm;
-    use crate::sensors::Kind;
 
     #[test]
     fn mirror_images_have_the_same_distances_from_stations_in_a_plane() {
@@ -118,11 +131,26 @@ mod tests {
         let measured: Vec<_> =
             stations.iter().map(|s| Measurement::new(Kind::Range, 0, *s, 0.0, 1.0)).collect();
         let p = [100.0, 200.0, 700.0];
-        let image = mirrored(&measured, &p);
+        let image: Vector<3> = images(&measured, &p).next().unwrap();
         for s in stations {
             let of = |p: Vector<3>| norm(&std::array::from_fn::<_, 3, _>(|i| p[i] - s[i]));
             assert_within(1e-9, of(image), of(p));
         }
         assert!(image[2] < -400.0, "{image:?}");
+    }
+
+    #[test]
+    fn mirror_images_have_the_same_elevations_from_stations_in_line() {
+        let stations = [[0.0, 0.0, 30.0], [900.0, 600.0, 10.0]];
+        let kinds = [Kind::Range, Kind::Elevation];
+        let all = kinds.iter().flat_map(|kind| stations.map(|s| (*kind, s)));
+        let measured: Vec<_> =
+            all.map(|(kind, s)| Measurement::new(kind, 0, s, 0.1, 1.0)).collect();
+        let p = [100.0, 500.0, 700.0];
+        let image: Vector<3> = images(&measured, &p).nth(1).unwrap();
+        assert!(image[0] > 400.0 && image[2] == p[2], "{image:?}");
+        for m in measured {
+            assert_within(1e-9, m.row(&image).residual, m.row(&p).residual);
+        }
     }
 }

@@ -123,12 +123,14 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         if from_most && is_likely && minimum.end == End::Converged && minimum.normal.cost < most {
             return Ok(minimum);
         }
-        if self.side.is_some() || measurements.iter().any(|m| m.kind.is_difference()) {
-            let mirrored = mirror::mirrored(measurements, &minimum.state);
-            points.push(mirrored);
-            costs.push(self.problem.cost(&mirrored, self.loss, minimum.scale));
+        let candidates = points.len();
+        let has_images = |m: &Measurement<D>| m.kind.is_difference() || m.kind == Kind::Elevation;
+        if self.side.is_some() || measurements.iter().any(has_images) {
+            points.extend(mirror::images::<D, N>(measurements, &minimum.state));
+            let cost = |point| self.problem.cost(point, self.loss, minimum.scale);
+            costs.extend(points[candidates..].iter().map(cost));
         }
-        self.rivalled(minimum, points, costs, scratch)
+        self.rivalled(minimum, (points, candidates), costs, scratch)
     }
 
     /// Whether the minimum reached from a start that most measurements support needs no other starts.
@@ -161,12 +163,12 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         stations.filter(|station| station.iter().all(agrees)).count() as f64
     }
 
-    /// Whether the mirror image of a minimum explains the measurements so badly that no descent from it
+    /// Whether the mirror images of a minimum explain the measurements so badly that no descent from them
     /// would lead to another minimum nearly as good.
     fn tells_sides(&self, minimum: &Minimum<N>) -> bool {
-        let mirrored = mirror::mirrored(self.problem.measurements, &minimum.state);
-        let cost = self.problem.cost(&mirrored, self.loss, minimum.scale);
-        cost > minimum.normal.cost + AMBIGUOUS + SLACK
+        let mut images = mirror::images(self.problem.measurements, &minimum.state);
+        let cost = |image| self.problem.cost(&image, self.loss, minimum.scale);
+        images.all(|image| cost(image) > minimum.normal.cost + AMBIGUOUS + SLACK)
     }
 
     /// Computes the costs of points, or the scales of their residuals if σ is unknown.
@@ -225,9 +227,11 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
     }
 
-    /// Descends from the start of another minimum, where Huber's steps would lead to the best one.
-    fn rival(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
-        let few = self.problem.measurements.len() < N + RIVALRY && !self.tells_many_apart();
+    /// Descends from the start of another minimum, where Huber's steps would lead to the best one. The mirror
+    /// image of a minimum to which Huber's steps led needs none.
+    fn rival(&self, start: Vector<N>, is_image: bool, scratch: &mut Vec<f64>) -> Minimum<N> {
+        let few =
+            !is_image && self.problem.measurements.len() < N + RIVALRY && !self.tells_many_apart();
         if few || self.unknown || self.loss == Loss::SQUARE {
             return self.refine(start, scratch);
         }
@@ -268,11 +272,11 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     }
 
     /// Returns the best of a minimum and those that other candidates lead to, or an error if two are
-    /// equally good.
+    /// equally good. From the number `candidates` on, points are mirror images of the minimum.
     fn rivalled(
         &self,
         mut best: Minimum<N>,
-        points: &mut [Vector<N>],
+        (points, candidates): (&[Vector<N>], usize),
         costs: &mut Vec<f64>,
         scratch: &mut Vec<f64>,
     ) -> Result<Minimum<N>, Status> {
@@ -300,7 +304,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             let limit = self.posterior(&best) + AMBIGUOUS + self.slack(&best, nearest);
             let Some(at) = least(costs).filter(|&at| costs[at] < limit) else { break };
             costs[at] = f64::INFINITY;
-            let mut other = self.rival(points[at], scratch);
+            let mut other = self.rival(points[at], at >= candidates, scratch);
             if other.end != End::Converged || best.is_same(&other.state) {
                 continue;
             }
