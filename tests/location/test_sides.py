@@ -36,6 +36,7 @@ def below(fix: Location, places: np.ndarray) -> float:
     return float(np.mean(fix.position[np.asarray(fix.success), 2] < places[:, 2].mean()))
 
 
+@pytest.mark.filterwarnings("ignore:.*above and below the stations")
 class TestOneSide:
     @pytest.mark.parametrize("seed", range(3))
     def test_a_batch_is_located_where_single_instants_are_ambiguous(self, seed):
@@ -137,3 +138,14 @@ class TestMirrorImages:
                 arrival_time=distance / LIGHT,
                 arrival_time_sigma=2e-8,
             )
+
+    def test_a_batch_below_the_stations_is_warned_of(self):
+        rng = np.random.default_rng(0)
+        places = np.column_stack([rng.uniform(-40e3, 40e3, (10, 2)), rng.uniform(0, 200, 10)])
+        sources = np.column_stack([rng.uniform(-15e3, 15e3, (20, 2)), -rng.uniform(4e3, 18e3, 20)])
+        distance = np.linalg.norm(sources[:, np.newaxis] - places, axis=-1)
+        times = distance / 6e3 + 0.05 * rng.standard_normal(distance.shape)
+        given = {"arrival_time_sigma": 0.05, "propagation_speed": 6e3}
+        with pytest.warns(UserWarning, match="above and below the stations"):
+            locate(places, arrival_time=times, **given)
+        locate(places, arrival_time=times, initial=[0, 0, -8e3], **given)

@@ -33,6 +33,7 @@ from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
+from tertia.location._sides import warn_if_mirrored
 from tertia.location._speed import Speed
 from tertia.location._wind import Wind, read_medium
 from tertia.sensors import Bias, Kind, Station
@@ -195,6 +196,7 @@ def locate(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
+        If most instants of a batch are ambiguous, and the stations are near a level plane.
 
     Notes
     -----
@@ -335,7 +337,7 @@ def locate(
         location = locate_posterior(
             *rows[:5], max_range=max_range, pooled=pools, free=free, n_threads=threads(n_threads)
         )
-        return _checked(location)
+        return _checked(location, places)
     grows = np.full_like(free, pools) if pools or unknown else free
     solver = partial(
         _solver,
@@ -393,7 +395,7 @@ def locate(
     )
     if pools and unknown:
         location = _with_sigma(location, factor[KINDS.index(next(iter(measured)))], unit)
-    return _checked(location if lacks is None else without_height(location, lacks))
+    return _checked(location if lacks is None else without_height(location, lacks), places)
 
 
 def _with_sigma(location: Location, factor: float, unit: FloatArray | float) -> Location:
@@ -570,9 +572,10 @@ def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray
     return spread(array, (*batch, *tail))
 
 
-def _checked(location: Location) -> Location:
+def _checked(location: Location, places: FloatArray) -> Location:
     """Return the location; raise an error if there is only one instant and it was not located."""
     status = location.status
+    warn_if_mirrored(location, places)
     if status is LocationStatus.SINGULAR:
         raise np.linalg.LinAlgError(status.message)
     if isinstance(status, LocationStatus) and status:
