@@ -10,7 +10,7 @@ from tertia._arrays import FloatArray
 from tertia.location._result import Location, LocationStatus
 
 # least number of instants of a batch, and share of ambiguous ones, with which it is warned of
-_BATCH, _MOST = 5, 0.5
+_BATCH, _MOST = 5, 0.6
 # largest deviation of stations from their plane, relative to the smaller one within it; least
 # vertical component of the normal of a plane that has an upper side
 _THIN, _LEVEL = 0.3, 0.7

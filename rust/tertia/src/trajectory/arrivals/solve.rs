@@ -110,32 +110,37 @@ struct Search<'a, 'b, const D: usize> {
     relocates: bool,
 }
 
-/// A solution, and minus the logarithm of its evidence.
-type Found = (Solution, f64);
+/// A solution, minus the logarithm of the joint density of the measurements and the unknowns, and minus that of
+/// the evidence (Laplace's approximation), up to constants.
+struct Found {
+    solution: Solution,
+    cost: f64,
+    evidence: f64,
+}
 
 /// Solves the scene; with a mirror, emissions are searched on the side of its normal. Also returns minus the
-/// logarithm of the evidence (Laplace's approximation), up to a constant.
+/// logarithm of the joint density of the measurements and the unknowns, up to a constant.
 ///
 /// # Errors
 /// The measurements do not determine an unknown.
 pub(super) fn solve_beside<const D: usize>(
     scene: &Scene<D>,
     mirror: Option<Mirror<D>>,
-) -> Result<Found, Undetermined> {
+) -> Result<(Solution, f64), Undetermined> {
     let problem = Problem { mirror, ..Problem::new(scene, None) };
     let mut best: Option<Found> = None;
     for start in problem.starts() {
         match problem.search(start, best.as_ref()) {
             // found twice
             Ok(None) => break,
-            Ok(Some(found)) if best.as_ref().is_none_or(|best| found.1 < best.1) => {
+            Ok(Some(found)) if best.as_ref().is_none_or(|best| found.evidence < best.evidence) => {
                 best = Some(found);
             }
             Err(why) if best.is_none() => return Err(why),
             _ => {}
         }
     }
-    best.ok_or(Undetermined::Other)
+    best.map(|best| (best.solution, best.cost)).ok_or(Undetermined::Other)
 }
 
 impl<const D: usize> Problem<'_, D> {
@@ -152,7 +157,7 @@ impl<const D: usize> Problem<'_, D> {
             last: Vec::new(),
             relocates: matches!(start, Start::Apart),
         };
-        search.run(best.map(|best| &best.0)).map_err(|column| self.undetermined(column))
+        search.run(best.map(|best| &best.solution)).map_err(|column| self.undetermined(column))
     }
 
     fn undetermined(&self, column: usize) -> Undetermined {
@@ -245,10 +250,12 @@ impl<const D: usize> Search<'_, '_, D> {
         weights.thin(problem, &rows);
         let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
         normal.step()?;
-        let evidence = self.cost() + normal.half_ln_determinant();
+        let cost = self.cost();
+        let evidence = cost + normal.half_ln_determinant();
         let inverse = normal.matrix.inverse();
         let ended = (is_converged, iterations);
-        Ok(Some((self.solution(&normal, &inverse, &rows, &weights, ended), evidence)))
+        let solution = self.solution(&normal, &inverse, &rows, &weights, ended);
+        Ok(Some(Found { solution, cost, evidence }))
     }
 
     /// Whether most positions are within a standard deviation, as a rule, of those of another solution.
