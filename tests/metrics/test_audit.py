@@ -259,6 +259,18 @@ class TestArguments:
         assert found.strata["part a"].verdict == "honest"
         assert found.strata["part b"].verdict.startswith("too small by a factor of 3.7")
 
+    @pytest.mark.parametrize("scale", [1e-7, 1e-3, 1.0, 1e6])
+    def test_quartiles_have_distinct_names_whatever_the_unit(self, scale):
+        values = np.random.default_rng(1).uniform(0.1, 0.9, 200)
+        for size in (values, 1e4 + values):
+            found = audit(values, 1.0, strata={"sigma": scale * size})
+            assert [part.count for part in found.strata.values()] == [50] * 4
+
+    def test_labels_have_distinct_names(self):
+        label = np.repeat([1000000.1, 1000000.2, 0.5, np.nan], 50)
+        found = audit(label, 1.0, strata={"code": label})
+        assert list(found.strata) == ["code 0.5", "code 1000000.1", "code 1000000.2"]
+
     def test_time_offset(self):
         time = np.arange(400.0)
         velocity = np.column_stack([5 * np.cos(time / 40), 5 * np.sin(time / 40)])

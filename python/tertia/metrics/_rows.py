@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import LARGEST, BoolArray, FloatArray, IntArray, array_of, samples
-from tertia.metrics._indicator import digits
 
 # numbers with more different values than this are divided at their quartiles
 _LABELS = 8
+# enough digits to distinguish any two numbers
+_ALL_DIGITS = 17
 # of the usual step: rows of one time are as good as one after the other
 _SAME_TIME = 1e-6
 
@@ -155,15 +157,32 @@ def _parts(labels: npt.NDArray[Any]) -> list[tuple[str, BoolArray]]:
         labels = labels.astype(str)
     kinds = np.unique(labels)
     if labels.dtype.kind not in "iuf" or len(kinds) <= _LABELS:
-        return [
-            (f"{kind:g}" if labels.dtype.kind == "f" else str(kind), labels == kind)
-            for kind in kinds
-        ]
+        names = _names(kinds) if labels.dtype.kind == "f" else [str(kind) for kind in kinds]
+        return [(name, labels == kind) for name, kind in zip(names, kinds, strict=True)]
     there = labels[np.isfinite(labels)]
     bounds = np.quantile(there, (0.0, 0.25, 0.5, 0.75, 1.0))
     where = np.clip(np.searchsorted(bounds[1:-1], labels, side="left"), 0, 3)
     where[~np.isfinite(labels)] = -1
-    return [(f"{digits(bounds[k])} to {digits(bounds[k + 1])}", where == k) for k in range(4)]
+    names = _names(bounds)
+    return [(f"{names[k]} to {names[k + 1]}", where == k) for k in range(4)]
+
+
+def _names(values: FloatArray) -> list[str]:
+    """Return numbers as text, with three significant digits or as many as distinguish them."""
+    names: list[str] = []
+    for count in range(3, _ALL_DIGITS + 1):
+        names = [_rounded(float(value), count) for value in values]
+        if len(set(names)) == len(np.unique(values)):
+            break
+    return names
+
+
+def _rounded(value: float, count: int) -> str:
+    """Return a number with at least this number of significant digits, without trailing zeros."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    places = max(count - 1 - math.floor(math.log10(abs(value))), 0)
+    return np.format_float_positional(value, precision=places, unique=False, trim="-")
 
 
 def require_definite(matrices: FloatArray, known: BoolArray, name: str) -> None:
