@@ -440,7 +440,8 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     let begun = clocks_of(&found, &columns, width);
     let together = together(setting.record, &found);
     let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &begun, together);
-    if let Some(at) = (0..columns.len()).find(|at| lasting.alone[*at] >= DISTRUSTED) {
+    let is_distrusted = |at: &usize| setting.record.robust && lasting.alone[*at] >= DISTRUSTED;
+    if let Some(at) = (0..columns.len()).find(is_distrusted) {
         let left_out = (columns[at], lasting.values[at], lasting.sigma(at));
         let (found, rest) = without(setting, found, prior, columns[at])?;
         let rest = rest.map(|mut rest| {
