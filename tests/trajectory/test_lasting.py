@@ -520,3 +520,50 @@ def test_nothing_contradicts_a_radar_alone():
     own = ~np.isnan(ranges[:, 0])
     track = reconstruct(RADARS[:1], time[own], range=ranges[own, :1], azimuth=azimuth[own, :1])
     assert track.systematic == "not included"
+
+
+def radars(seed, unit):
+    """Return a track from ranges (in this unit) and azimuths of three radars, and its path in m."""
+    rng = np.random.default_rng(seed)
+    places = np.array([[0.0, 0.0], [20e3, 5e3], [5e3, 25e3]])
+    time = 4.0 * np.arange(60.0)
+    path = np.column_stack([15e3 + 8e3 * np.cos(time / 100), 60 * time - 10e3])
+    offset = path[:, np.newaxis] - places
+    distance = np.linalg.norm(offset, axis=-1)
+    measured = distance + 50.0 * rng.standard_normal(distance.shape) + [0.0, 600.0, 0.0]
+    azimuth = np.arctan2(offset[..., 0], offset[..., 1])
+    azimuth += 0.5e-3 * rng.standard_normal(azimuth.shape)
+    stations = [Station(unit * p, range_sigma=50.0 * unit, azimuth_sigma=0.5e-3) for p in places]
+    return reconstruct(stations, time, range=unit * measured, azimuth=azimuth), path
+
+
+def test_errors_of_ranges_are_found_beside_precise_azimuths():
+    track, path = radars(1, 1.0)
+    assert track.bias.range[1] == pytest.approx(600.0, abs=60.0)
+    assert inside(track, path) > 0.85
+    other, _ = radars(1, 1e-3)
+    np.testing.assert_allclose(1e3 * other.position, track.position, atol=0.01)
+    np.testing.assert_allclose(1e3 * other.bias.range, track.bias.range, atol=0.01)
+
+
+@pytest.mark.parametrize(("seed", "step"), [(4, 550.0), (7, 150.0), (24, 78.0)])
+def test_errors_that_stated_sigmas_allow_are_of_no_station_alone(seed, step):
+    """Ranges in coarse steps to a phone at rest have constant errors."""
+    rng = np.random.default_rng(seed)
+    places, truth = rng.uniform(-4000, 4000, (5, 2)), rng.uniform(-2000, 2000, 2)
+    steps = np.floor(np.linalg.norm(truth - places, axis=-1) / step) * step + step / 2
+    stations = [Station(place, range_sigma=step / np.sqrt(12)) for place in places]
+    track = reconstruct(stations, 2.0 * np.arange(60), range=np.tile(steps, (60, 1)))
+    assert not np.any(track.outlier.range)
+    assert inside(track, truth) == 1.0
+
+
+def test_least_squares_leaves_no_station_out():
+    rng = np.random.default_rng(1)
+    truth = way(rng)
+    distance = np.linalg.norm(truth[:, np.newaxis] - PLACES, axis=-1)
+    measured = distance + 15.0 * rng.standard_normal(distance.shape)
+    measured[5, 1] += 800.0
+    stations = [Station(place, range_sigma=15.0) for place in PLACES]
+    track = reconstruct(stations, TIMES, range=measured, spatial="least-squares")
+    assert not np.any(track.outlier.range)

@@ -4,7 +4,7 @@ use super::instant::Instant;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use pulp::Arch;
 
-/// Information, relative to the largest possible one, from which a direction is determined.
+/// Information, relative to the largest possible one of the column, from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
 /// Square of a contradiction over its noise from which it is certainly seen.
 const SURE: f64 = 10.0;
@@ -241,18 +241,18 @@ impl Blocks {
         let mut blocks = Self { size, time: Vec::new(), rows: Vec::new(), count: 0 };
         for (own, times) in instants.chunks(length).zip(time.chunks(length)) {
             let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
-            let mut weight = 0.0;
+            let mut largest = vec![0.0; size];
             for instant in own {
                 instant.add_information(|i| instant.rows[i].1, &mut information);
+                add(&mut largest, 1.0, &instant.largest);
                 for (kept, (_, w, r, ..)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
-                    weight += w;
                     for a in 0..size {
                         scores[a] += kept[a] * w * r;
                     }
                 }
             }
             scores += &information * before * taper.0;
-            let rows = factored(information, scores, weight / size as f64, taper);
+            let rows = factored(information, scores, &largest, taper);
             blocks.count += rows.len() / (size + 1);
             blocks.rows.push(rows);
             blocks.time.push(times.iter().sum::<f64>() / times.len() as f64);
@@ -302,6 +302,30 @@ impl Blocks {
         information.symmetric_eigenvalues().iter().filter(|v| **v > SURE).count()
     }
 
+    /// Returns the error of a column, as it seems if the others are right, relative to what noise and constant
+    /// errors of these standard deviations of all columns would let it seem: the largest one over parts of the
+    /// record of this duration.
+    pub fn excess(&self, column: usize, sigma: &[f64], duration: f64) -> f64 {
+        let (mut most, mut start) = (0.0_f64, 0);
+        while start < self.rows.len() {
+            let own = |time: &f64| time - self.time[start] < duration;
+            let end = start + self.time[start..].partition_point(own).max(1);
+            let (mut score, mut information) = (0.0, vec![0.0; self.size]);
+            for row in self.rows[start..end].iter().flat_map(|own| own.chunks_exact(self.size + 1))
+            {
+                score += row[column] * row[self.size];
+                add(&mut information, row[column], &row[..self.size]);
+            }
+            let lasting = information.iter().zip(sigma).map(|(own, sigma)| (own * sigma).powi(2));
+            let expected = information[column] + lasting.sum::<f64>();
+            if expected > 0.0 {
+                most = most.max(score.abs() / expected.sqrt());
+            }
+            start = end;
+        }
+        most
+    }
+
     /// Returns ln of the likelihood with the likeliest growth of the noise, and this growth. A growth below 1
     /// is moved towards 1: lasting errors also show if the noise is smaller than stated.
     pub fn likelihood(&self, sums: &Sums, constant: &[f64]) -> Option<(f64, f64)> {
@@ -318,11 +342,12 @@ impl Blocks {
 }
 
 /// Returns rows `y = h u + e` with this information and these scores, by a Cholesky factor with pivots.
-/// Pivots far below the largest possible information are rounding errors.
+/// Pivots far below the largest possible information are rounding errors. Columns have different units: each
+/// pivot is compared with the largest information of its own column.
 fn factored(
     information: DMatrix<f64>,
     scores: DVector<f64>,
-    largest: f64,
+    largest: &[f64],
     taper: (f64, f64),
 ) -> Vec<f64> {
     let size = scores.len();
@@ -330,9 +355,10 @@ fn factored(
     let (slope, root) = taper;
     let mut rows = Vec::new();
     for _ in 0..size {
-        let pivot = matrix.diagonal().imax();
+        let share = |i: usize| if largest[i] > 0.0 { matrix[(i, i)] / largest[i] } else { 0.0 };
+        let Some(pivot) = (0..size).max_by(|a, b| share(*a).total_cmp(&share(*b))) else { break };
         let value = matrix[(pivot, pivot)];
-        if value.is_nan() || value <= DETERMINED * largest {
+        if value.is_nan() || share(pivot) <= DETERMINED {
             break;
         }
         let h = matrix.column(pivot) / value.sqrt();
@@ -417,11 +443,57 @@ mod tests {
         let y = DVector::from_vec(vec![0.7, -0.4]);
         let information = design.transpose() * &design;
         let scores = design.transpose() * y;
-        let rows = factored(information.clone(), scores.clone(), 1.0, (1.0, 1.0));
+        let rows = factored(information.clone(), scores.clone(), &[1.0; 3], (1.0, 1.0));
         assert_eq!(rows.len(), 8);
         let h = DMatrix::from_fn(2, 3, |i, j| rows[i * 4 + j]);
         let right = DVector::from_fn(2, |i, _| rows[i * 4 + 3]);
         assert!((h.transpose() * &h - information).amax() < 1e-12);
         assert!((h.transpose() * right - scores).amax() < 1e-12);
+    }
+
+    /// Of equal errors, none exceeds what they let each other seem; a larger one does, if only for a while.
+    #[test]
+    fn an_error_exceeds_the_stated_sizes() {
+        let kept = DMatrix::identity(4, 4) - DMatrix::from_element(4, 4, 0.25);
+        let blocks = |error: &dyn Fn(usize) -> [f64; 4]| {
+            let rows = |t: usize| -> Vec<f64> {
+                let y = &kept * DVector::from_row_slice(&error(t)) * 30.0;
+                (0..4)
+                    .flat_map(|i| {
+                        (0..4).map(|j| 30.0 * kept[(i, j)]).chain([y[i]]).collect::<Vec<_>>()
+                    })
+                    .collect()
+            };
+            let time = (0..8).map(f64::from).collect();
+            Blocks { size: 4, time, rows: (0..8).map(rows).collect(), count: 24 }
+        };
+        let usual = blocks(&|_| [1.5, -1.5, 0.5, -0.5]);
+        let whole = f64::INFINITY;
+        assert!((0..4).all(|column| usual.excess(column, &[1.0; 4], whole) < 2.0));
+        let wrong = blocks(&|_| [6.0, 0.0, 0.0, 0.0]);
+        assert!((wrong.excess(0, &[1.0; 4], whole) - 6.0 * 0.75_f64.sqrt()).abs() < 0.1);
+        let last = blocks(&|t| if t < 7 { [0.0; 4] } else { [20.0, 0.0, 0.0, 0.0] });
+        assert!(last.excess(0, &[1.0; 4], whole) < 2.5 && last.excess(0, &[1.0; 4], 2.0) > 5.0);
+    }
+
+    /// Columns in other units, such as metres beside radians, have the same rows in these units.
+    #[test]
+    fn factors_do_not_depend_on_units() {
+        let design =
+            DMatrix::from_row_slice(3, 3, &[1.0, -1.0, 0.5, 0.0, 2.0, -2.0, 1.0, 0.3, 0.4]);
+        let unit = [1.0, 1e6, 1e-6];
+        let other = DMatrix::from_fn(3, 3, |i, j| design[(i, j)] * unit[j]);
+        let of = |design: &DMatrix<f64>| {
+            let information = design.transpose() * design;
+            let largest: Vec<f64> = information.diagonal().iter().copied().collect();
+            let scores = design.transpose() * DVector::from_vec(vec![0.7, -0.4, 0.2]);
+            factored(information, scores, &largest, (1.0, 1.0))
+        };
+        let (own, scaled) = (of(&design), of(&other));
+        assert_eq!((own.len(), scaled.len()), (12, 12));
+        for (at, (own, scaled)) in own.iter().zip(&scaled).enumerate() {
+            let unit = unit.get(at % 4).unwrap_or(&1.0);
+            assert!((scaled / unit - own).abs() < 1e-9);
+        }
     }
 }

@@ -40,6 +40,12 @@ const SUSPECTS: usize = 4;
 const ALONE: f64 = 0.12;
 const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
 const OTHER_SCALES: [f64; 2] = [0.0, 0.25];
+/// Ratio of the error of one column to what errors of the stated sizes of all columns would let it seem, from
+/// which it may be the only one that is wrong: two-sided 99 % quantile of the standard normal distribution.
+const BEYOND: f64 = 2.576;
+/// Number of independent contradictions from which it is no chance that one error explains all of them, so that
+/// it may be smaller.
+const MANY: usize = 4;
 /// Drift over constant during the search for suspects.
 const SUSPECT_DRIFT: f64 = 0.35;
 /// Standard deviation of the logarithms of the scales of different kinds.
@@ -318,18 +324,28 @@ impl<'a> Grid<'a> {
     }
 
     /// Returns points at which one column is far more wrong than the others, always or from some time on.
+    /// Where few measurements are redundant, its error must be larger than the stated sizes allow: errors of all
+    /// columns can look like one of a single column by chance.
     fn alone(&self) -> Vec<Weighed> {
         let (slow, fast) = (self.markov(0), self.markov(self.courses.len() / 4));
         let size: fn(f64) -> Size = Size::steady;
-        let ways = [(size, slow), (Size::drift, slow), (Size::drift, fast)];
+        let ways = [
+            (size, slow, f64::INFINITY),
+            (Size::drift, slow, slow.time),
+            (Size::drift, fast, fast.time),
+        ];
         let suspects = self.suspects(slow);
+        let are_many = self.blocks.ways(&self.sigma) >= MANY;
         let each = self.kind.len() * ALONE_SCALES.len() * OTHER_SCALES.len() * ways.len();
         let prior = (ALONE / each as f64).ln();
         let mut points = Vec::new();
-        for (size, course) in ways {
+        for (size, course, lasts) in ways {
             let of = |size: Size| self.point(&vec![size; self.kinds], course);
+            let is_beyond =
+                |at: &&usize| are_many || self.blocks.excess(**at, &self.sigma, lasts) > BEYOND;
+            let own: Vec<usize> = suspects.iter().filter(is_beyond).copied().collect();
             for (other, scale) in OTHER_SCALES.iter().flat_map(|o| ALONE_SCALES.map(|s| (*o, s))) {
-                for &at in &suspects {
+                for &at in &own {
                     let (mut point, own) = (of(size(other)), of(size(scale)));
                     (point.constant[at], point.drift[at]) = (own.constant[at], own.drift[at]);
                     point.alone = Some(at);

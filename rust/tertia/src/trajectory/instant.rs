@@ -26,6 +26,8 @@ pub(super) struct Instant<const D: usize> {
     solution: Vec<Vector<D>>,
     /// `I − H`, a row for each measurement and a column for each bias.
     pub kept: Vec<f64>,
+    /// Information about each bias if the position were known: the largest possible one.
+    pub largest: Vec<f64>,
     groups: Vec<Group>,
 }
 
@@ -77,9 +79,12 @@ impl<const D: usize> Instant<D> {
         let inverse = inverse_of(normal);
         let own = inverse.unwrap_or([[0.0; D]; D]);
         let mut solution = vec![[0.0; D]; columns.len()];
-        for (solution, column) in solution.iter_mut().zip(columns) {
+        let mut largest = vec![0.0; columns.len()];
+        for (at, column) in columns.iter().enumerate() {
+            let solution = &mut solution[at];
             for (row, effect) in rows.iter().map(|row| (row, effect(row, *column, width))) {
                 let (_, w, _, gradient, _) = row;
+                largest[at] += w * effect * effect;
                 for i in (0..D).filter(|_| effect != 0.0) {
                     solution[i] += w * dot(&own[i], gradient) * effect;
                 }
@@ -98,7 +103,7 @@ impl<const D: usize> Instant<D> {
                 range.clone().for_each(|at| kept[at * columns.len() + i] -= mean);
             }
         }
-        Self { rows, inverse, solution, kept, groups }
+        Self { rows, inverse, solution, kept, largest, groups }
     }
 
     /// Adds `(I − H)' diag(v) (I − H)` to `sum`.

@@ -316,16 +316,22 @@ fn left_by_constants<const D: usize>(record: &Record<'_>, fixes: &Fixes) -> Vec<
         redundant(fixes).map(|t| (t, linearised(t))).filter(is_finite).collect();
     let size = columns.len();
     let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    let mut largest = DVector::zeros(size);
     for (_, instant) in &instants {
         instant.add_information(|i| instant.rows[i].1, &mut information);
+        largest += DVector::from_row_slice(&instant.largest);
         for (kept, (_, w, r, ..)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
             kept.iter().enumerate().for_each(|(a, kept)| scores[a] += kept * w * r);
         }
     }
-    let values = information.svd(true, true);
+    // columns have different units
+    let unit = largest.map(|own: f64| if own > 0.0 { own.sqrt().recip() } else { 0.0 });
+    let scaled = DMatrix::from_diagonal(&unit) * information * DMatrix::from_diagonal(&unit);
+    let values = scaled.svd(true, true);
     let least = DETERMINED * values.singular_values.max();
     // both factors are computed
-    let constants = values.solve(&scores, least).unwrap_or(scores);
+    let constants = values.solve(&scores.component_mul(&unit), least).unwrap_or(scores);
+    let constants = constants.component_mul(&unit);
     let statistic = |instant: &Instant<D>| {
         let left = instant.left(&constants);
         left.iter().zip(&instant.rows).map(|(left, (_, w, ..))| w * left * left).sum::<f64>()
