@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tertia.location import locate
+from tertia.location import LIGHT, locate
 from tertia.sensors import Bias, Station
 from tertia.trajectory import reconstruct
 
@@ -266,3 +266,29 @@ def test_heights_need_three_dimensions():
     seen = ranges(np.random.default_rng(12), 4)
     with pytest.raises(ValueError, match="height needs stations with three coordinates"):
         reconstruct(flat, TIME, range=seen, height=1.0, height_sigma=1.0)
+
+
+def late_arrivals(seed, share):
+    """Return receivers, times, positions and arrivals (s), of which this share is late."""
+    rng, n = np.random.default_rng(seed), 100
+    places = np.column_stack([rng.uniform(-30e3, 30e3, (6, 2)), rng.uniform(0, 800, 6)])
+    time = np.sort(rng.uniform(0, n, n))
+    speed, course = rng.uniform(100, 240), rng.uniform(0, 6.28)
+    velocity = speed * np.column_stack([np.sin(course), np.cos(course)])
+    way = rng.uniform(-15e3, 15e3, 2) + (time - time[0])[:, np.newaxis] * velocity
+    up = 3000 + 8 * time * rng.choice([0, 1]) + rng.uniform(0, 6000)
+    path = np.column_stack([way, up])
+    # draws of clocks that are right
+    rng.standard_normal(12)
+    arrival = time[:, np.newaxis] + np.linalg.norm(path[:, np.newaxis] - places, axis=-1) / LIGHT
+    arrival += 30e-9 * rng.standard_normal(arrival.shape)
+    arrival += (rng.random(arrival.shape) < share) * rng.exponential(1e-6, arrival.shape)
+    arrival[rng.random(arrival.shape) < 0.1] = np.nan
+    return [Station(place, arrival_time_sigma=30e-9) for place in places], time, path, arrival
+
+
+def test_a_location_far_from_those_before_and_after_is_not_followed():
+    receivers, time, path, arrival = late_arrivals(2, 0.1)
+    track = reconstruct(receivers, time, arrival_time=arrival, height=path[:, 2], height_sigma=10.0)
+    assert np.max(np.abs(track.position - path)) < 50.0
+    assert not np.any(track.height_outlier)

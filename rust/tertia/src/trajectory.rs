@@ -23,6 +23,7 @@ mod found;
 mod grid;
 mod images;
 mod instant;
+mod isolated;
 mod lasting;
 mod measured;
 mod mirror;

@@ -65,7 +65,10 @@ impl Fixes {
         measured: &Measured<D>,
         mirror: Option<&Mirror<D>>,
     ) -> Result<(Self, Self), Failure> {
-        let own = Self::of::<D>(record, &measured.values);
+        let mut own = Self::of::<D>(record, &measured.values);
+        if record.robust && mirror.is_none() {
+            own.move_isolated::<D>(record, &measured.values);
+        }
         let beside = own.clone().beside(record, &measured.values, mirror);
         let is_sure = |t: usize| {
             beside.is_located(t) && beside.fixes[t].degrees_of_freedom >= REDUNDANCY as i64
@@ -235,6 +238,25 @@ impl Fixes {
         let sigmas: Vec<f64> =
             open.iter().flat_map(|&t| record.sigmas_at(t)).map(|sigma| factor * sigma).collect();
         new.fill::<D>(record, open, values, &sigmas, None, REDUNDANCY);
+        for (at, &t) in open.iter().enumerate() {
+            self.take::<D>(t, &new, at, width);
+        }
+    }
+
+    /// Locates these instants with searches from these positions.
+    pub(super) fn relocate_from<const D: usize>(
+        &mut self,
+        record: &Record<'_>,
+        open: &[usize],
+        values: &[f64],
+        initial: &[f64],
+    ) {
+        let width = record.width();
+        let mut new = Self::empty(open.len(), width, D);
+        let own: Vec<f64> =
+            open.iter().flat_map(|&t| &values[t * width..][..width]).copied().collect();
+        let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
+        new.fill::<D>(record, open, &own, &sigmas, Some(initial), REDUNDANCY);
         for (at, &t) in open.iter().enumerate() {
             self.take::<D>(t, &new, at, width);
         }
