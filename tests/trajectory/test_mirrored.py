@@ -304,3 +304,27 @@ def test_an_initial_position_does_not_make_a_path_unknown():
             found.append(reconstruct(stations, times, range=ranges, initial=initial))
     track, started = found
     np.testing.assert_allclose(started.position, track.position, atol=0.05)
+
+
+def tag(seed):
+    """Return anchors at 1.8 to 3.8 m, the path of a tag below them, and ranges to it."""
+    rng, n = np.random.default_rng(seed), 100
+    corners = np.array([[0, 0], [20, 0], [20, 15], [0, 15]])
+    level = corners + rng.uniform(-0.5, 0.5, (4, 2))
+    places = np.column_stack([level, rng.uniform(1.8, 3.8, 4)])
+    course = np.cumsum(rng.standard_normal(n) * 0.15 * np.sqrt(0.2)) + rng.uniform(0, 6.28)
+    way = np.cumsum(0.24 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    way = np.clip(way - way.mean(axis=0) + [10, 7.5], 1, [19, 14])
+    path = np.column_stack([way, np.full(n, 1.2)])
+    distance = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    return places, path, distance + 0.1 * rng.standard_normal(distance.shape)
+
+
+def test_regions_reach_an_image_that_is_as_likely_and_not_stated():
+    places, path, ranges = tag(108)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        anchors = [Station(place, range_sigma=0.1) for place in places]
+        track = reconstruct(anchors, 0.2 * np.arange(100), range=ranges)
+    error = np.abs(track.position[:, 2] - path[:, 2])
+    assert np.mean(error > 2.0 * np.sqrt(track.covariance[:, 2, 2])) < 0.1

@@ -256,8 +256,8 @@ def reconstruct(
     on the side of `initial`, or else above the stations. If the stations are only near the plane
     and `initial` is missing, both paths are compared; the path below the stations is returned if it
     is more likely even at prior odds of one to a thousand. Each station may then have a constant
-    error of the stated size, unless its bias is given as 0. If the two paths cannot be
-    distinguished and `initial` is missing, a warning is given, and `mirror_image` contains the
+    error of the stated size, if that is likelier and its bias is not given as 0. If the two cannot
+    be distinguished and `initial` is missing, a warning is given, and `mirror_image` contains the
     other path. If neither is above the stations, as with D = 2, an error is raised. If `initial` is
     given in this case, the path may cross the plane: it does so where this has a larger marginal
     likelihood than turning back. A warning is given if the two likelihoods differ by less than a

@@ -264,7 +264,10 @@ fn completed<const D: usize, const N: usize>(
     }
     let States { best, innovation, mut covariance, .. } = states;
     if let Some(sides) = &found.sides {
-        sides.add_doubt(&best.mean, &mut covariance, N);
+        // a path that is not apart from its image has no image in the result
+        let is_open = side == Side::OneOfTwo && !sides.mirror.is_exact;
+        let is_open = is_open && !sides.is_apart(&best.mean, N);
+        sides.add_doubt(&best.mean, &mut covariance, N, is_open);
     }
     covariance.chunks_exact_mut(N * N).for_each(symmetrise::<N>);
     let may_cross =

@@ -167,8 +167,9 @@ fn is_lost<T, const D: usize, const N: usize>(
     was_far(best) || was_far(1 - best) && costs[1 - best] < HARDLY_MORE * costs[best]
 }
 
-/// Half the sum of the squared residuals; columns that are not trusted may have constant errors of the stated
-/// size.
+/// Half the sum of the squared residuals. Columns that are not trusted may have constant errors of the stated
+/// size, if these are likelier than none: they cost their square and, as each is determined by all residuals,
+/// the ratio of its prior standard deviation to the one that remains (Laplace's approximation).
 fn cost<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -182,10 +183,16 @@ fn cost<const D: usize, const N: usize>(
         }
     }
     let cost = |(column, own): (usize, &mut Vec<f64>)| {
-        let lasts = !own.is_empty() && !systematic.is_trusted(column, width / KINDS);
-        let constant = if lasts { median(own) } else { 0.0 };
-        let rest = own.iter().map(|r| (r - constant).powi(2).min(MOST * MOST)).sum::<f64>();
-        0.5 * (rest + constant * constant)
+        let sum = |constant: f64| -> f64 {
+            0.5 * own.iter().map(|r| (r - constant).powi(2).min(MOST * MOST)).sum::<f64>()
+        };
+        let none = sum(0.0);
+        if own.is_empty() || systematic.is_trusted(column, width / KINDS) {
+            return none;
+        }
+        let constant = median(&mut own.clone());
+        let some = sum(constant) + 0.5 * (constant * constant + (own.len() as f64).ln_1p());
+        none.min(some)
     };
     residuals.iter_mut().enumerate().map(cost).sum()
 }

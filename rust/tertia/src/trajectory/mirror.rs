@@ -276,12 +276,14 @@ impl<const D: usize> Sides<D> {
         mean.chunks_exact(size).zip(&self.variance).any(far)
     }
 
-    /// Adds to covariances (N, M, M) the possibility that the target is in the plane, as boats are.
-    pub fn add_doubt(&self, mean: &[f64], covariance: &mut [f64], size: usize) {
+    /// Adds to covariances (N, M, M) the possibility that the target is in the plane, as boats are. Two standard
+    /// deviations reach the mirror image if it is possible, too (`is_open`).
+    pub fn add_doubt(&self, mean: &[f64], covariance: &mut [f64], size: usize, is_open: bool) {
         let states = mean.chunks_exact(size).zip(covariance.chunks_exact_mut(size * size));
         for ((state, own), variance) in states.zip(&self.variance) {
             let distance = self.mirror.distance(&state[..D]);
-            let added = distance * distance * likelihood_of_none(distance, *variance);
+            let share = if is_open { 1.0 } else { likelihood_of_none(distance, *variance) };
+            let added = distance * distance * share;
             if !added.is_finite() {
                 continue;
             }
