@@ -168,8 +168,9 @@ fn is_lost<T, const D: usize, const N: usize>(
 }
 
 /// Half the sum of the squared residuals. Columns that are not trusted may have constant errors of the stated
-/// size, if these are likelier than none: they cost their square and, as each is determined by all residuals,
-/// the ratio of its prior standard deviation to the one that remains (Laplace's approximation).
+/// size, all or none of them, whichever is likelier: each costs its square and, as it is determined by all
+/// residuals of its column, the ratio of its prior standard deviation to the one that remains (Laplace's
+/// approximation).
 fn cost<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -182,19 +183,21 @@ fn cost<const D: usize, const N: usize>(
             residuals[found.measured.column[m]].push(row.residual);
         }
     }
-    let cost = |(column, own): (usize, &mut Vec<f64>)| {
-        let sum = |constant: f64| -> f64 {
+    let (mut without, mut with) = (0.0, 0.0);
+    for (column, own) in residuals.iter_mut().enumerate().filter(|(_, own)| !own.is_empty()) {
+        let sum = |own: &[f64], constant: f64| -> f64 {
             0.5 * own.iter().map(|r| (r - constant).powi(2).min(MOST * MOST)).sum::<f64>()
         };
-        let none = sum(0.0);
-        if own.is_empty() || systematic.is_trusted(column, width / KINDS) {
-            return none;
-        }
-        let constant = median(&mut own.clone());
-        let some = sum(constant) + 0.5 * (constant * constant + (own.len() as f64).ln_1p());
-        none.min(some)
-    };
-    residuals.iter_mut().enumerate().map(cost).sum()
+        let none = sum(own, 0.0);
+        without += none;
+        with += if systematic.is_trusted(column, width / KINDS) {
+            none
+        } else {
+            let constant = median(own);
+            sum(own, constant) + 0.5 * (constant * constant + (own.len() as f64).ln_1p())
+        };
+    }
+    f64::min(without, with)
 }
 
 /// Returns the mirror image of a path (N, 3D), if either of the two may be right. It is an error if

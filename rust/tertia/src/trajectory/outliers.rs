@@ -9,8 +9,7 @@ use super::found::{Found, Setting};
 use super::measured::{Measured, REDUNDANCY, Record};
 use super::mixture::{Compared, Mixture, trust_of};
 use super::tukey::{MEDIAN_ERROR, chance};
-use crate::base::distribution::{chi_square_upper, normal_two_sided_quantile};
-use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::base::distribution::normal_two_sided_quantile;
 use crate::sensors::Kind;
 use std::rc::Rc;
 
@@ -242,25 +241,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
         let measured = self.measured.instant(t).len() as f64;
         let most = count >= D + REDUNDANCY && count as f64 >= AGREEING * measured;
-        if most && sum < 0.5 * count as f64 && self.is_elsewhere(t) {
+        if most && sum < 0.5 * count as f64 {
             own.filter(agrees).for_each(|at| trust[at] = 1.0);
         }
-    }
-
-    /// Whether an instant's own location is certainly not on the path. A location far away that is one of
-    /// several, as on the other side of the stations, has a covariance that reaches the others.
-    fn is_elsewhere(&self, t: usize) -> bool {
-        let at = |i: usize, j: usize| (t * D + i) * D + j;
-        let spread: Matrix<D> = std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                self.fixes.covariance[at(i, j)] + self.path.covariance[at(i, j)]
-            })
-        });
-        let own = &self.fixes.position[t * D..];
-        let path = self.path.position::<D>(t);
-        let off: Vector<D> = std::array::from_fn(|i| own[i] - path[i]);
-        let distance = Factor::try_new(&spread, 0.0).map(|factor| dot(&off, &factor.solve(&off)));
-        distance.is_some_and(|square| chi_square_upper(square, D) < DOUBTED)
     }
 
     /// Variances of lasting errors of each column, in units of the stated ones: lasting errors are not
