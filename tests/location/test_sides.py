@@ -76,6 +76,7 @@ class TestOneSide:
         assert np.all(batch.position[np.asarray(batch.success), 1] < 0)
 
 
+@pytest.mark.filterwarnings("ignore:.*above and below the stations")
 class TestNoSide:
     def test_targets_on_both_sides(self):
         rng = np.random.default_rng(37)
@@ -89,6 +90,7 @@ class TestNoSide:
         assert abs(located(batch) - located(alone)) < 0.1
 
 
+@pytest.mark.filterwarnings("ignore:.*above and below the stations")
 class TestInvariance:
     @pytest.fixture
     def scene(self):

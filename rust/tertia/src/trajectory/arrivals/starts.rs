@@ -3,8 +3,8 @@
 //! Without beacons, clocks are known only as far as the average distances from the receivers are. Emissions
 //! that are located one by one with wrong clocks may lead to a path that fits badly, but that small changes
 //! make worse. If all emissions start at one place, path and clocks spread out together, which rarely ends
-//! there, but errs more with few arrivals. Therefore searches start both ways, and then from other places,
-//! until the likeliest path has been found twice.
+//! there, but errs more with few arrivals. In the plane, searches therefore start both ways, and then from other
+//! places, until the likeliest path has been found twice.
 
 use super::problem::Problem;
 use nalgebra::DMatrix;
@@ -25,11 +25,10 @@ pub(super) enum Start<const D: usize> {
 impl<const D: usize> Problem<'_, D> {
     /// Returns the starting points, those first that usually suffice.
     pub fn starts(&self) -> Vec<Start<D>> {
-        if self.layout.motion.iter().all(Option::is_none) {
+        // in space, images of a part of the emitters in the plane of the receivers would be found, which may be
+        // likelier by chance
+        if D > 2 || self.mirror.is_some() || self.layout.motion.iter().all(Option::is_none) {
             return vec![Start::Apart];
-        }
-        if let Some(mirror) = &self.mirror {
-            return vec![Start::Apart, Start::Together(mirror.starts()[1])];
         }
         let (centre, axes) = self.axes();
         let longest = axes.iter().flatten().map(|x| x * x).sum::<f64>().sqrt();
