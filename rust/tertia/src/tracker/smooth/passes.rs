@@ -222,8 +222,8 @@ impl<const D: usize> Plan<D> {
         near.mean[..D].copy_from_slice(&origin.value);
         if square > 0.0 {
             let variance = 1.0 / square + (sum / square).powi(2);
-            for d in 0..D {
-                near.mean[D + d] = products[d] / square;
+            for (d, product) in products.iter().enumerate() {
+                near.mean[D + d] = product / square;
                 near.covariance[D + d][D + d] = variance * origin.covariance[d][d];
             }
         }
