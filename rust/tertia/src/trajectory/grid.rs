@@ -41,8 +41,8 @@ const ALONE: f64 = 0.12;
 const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
 const OTHER_SCALES: [f64; 2] = [0.0, 0.25];
 /// Ratio of the error of one column to what errors of the stated sizes of all columns would let it seem, from
-/// which it may be the only one that is wrong: two-sided 99 % quantile of the standard normal distribution.
-const BEYOND: f64 = 2.576;
+/// which it may be the only one that is wrong: two-sided 95 % quantile of the standard normal distribution.
+const BEYOND: f64 = 1.96;
 /// Number of independent contradictions from which it is no chance that one error explains all of them, so that
 /// it may be smaller.
 const MANY: usize = 4;
