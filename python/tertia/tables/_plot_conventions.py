@@ -39,6 +39,8 @@ _KINDS = ("icao_address", "callsign", "identity", "mode_3a")
 
 # errors of north in degrees, and differences of clocks up to so many seconds, that are tried
 _DEGREES, _CLOCK = [degrees for degrees in range(-179, 180) if degrees], 300.0
+# plots of a scan from which on a difference of clocks shows
+_SEVERAL = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +142,12 @@ def _anonymous(
 def _other_clock(plots: Plots, sensors: Sensors[Any], near: Sequence[_Near]) -> str | None:
     """Return by which times of a sensor its plots without identities would agree with others."""
     for one in near:
+        # one target that moves on agrees with itself at another time
+        several = min(_plots_per_scan(plots, k, _interval(sensors.items[k])) for k in one.sensors)
+        if one.kind is not None or several < _SEVERAL:
+            continue
         before = _agreement_after(0.0, plots, sensors, one)
-        if one.kind is not None or before >= _USUAL:
+        if before >= _USUAL:
             continue
         step = max(_interval(sensors.items[k]) for k in one.sensors)
         later = step * np.arange(1.0, _CLOCK / step + 1.0)
@@ -158,6 +164,11 @@ def _other_clock(plots: Plots, sensors: Sensors[Any], near: Sequence[_Near]) -> 
                 f"wrong, or that of {names[0]}?"
             )
     return None
+
+
+def _plots_per_scan(plots: Plots, sensor: int, interval: float) -> float:
+    time = plots.time[(plots.sensor == sensor) & np.isfinite(plots.time)]
+    return len(time) / (1.0 + np.ptp(time) / interval) if len(time) else 0.0
 
 
 def _agreement_after(delay: float, plots: Plots, sensors: Sensors[Any], near: _Near) -> float:

@@ -31,7 +31,7 @@ struct Hypothesis<const D: usize> {
     weight: f64,
     fix: Fix,
     solution: Solution<D>,
-    /// Whether the measurements bound the position: a region that is larger than the distance from all
+    /// Whether the measurements bound the position: a region that is much larger than the distance from all
     /// stations reaches to infinity but for a likelihood that is hardly above its limit.
     is_bounded: bool,
 }
@@ -113,13 +113,17 @@ impl Locator {
     }
 }
 
-/// Whether the standard deviation of a position is smaller than its distance from the farthest station.
+/// Largest standard deviation of a bounded position, relative to its distance from the farthest station.
+const FAR: f64 = 6.0;
+
+/// Whether the standard deviation of a position is smaller than a few times its distance from the farthest
+/// station.
 fn is_within_distance<const D: usize>(instant: &Instant<'_>, solution: &Solution<D>) -> bool {
     let square = |station: &[f64]| {
         station.iter().zip(&solution.position).map(|(s, p)| (p - s) * (p - s)).sum::<f64>()
     };
     let farthest = instant.stations.chunks_exact(D).map(square).fold(0.0, f64::max);
-    (0..D).map(|i| solution.covariance[i][i]).sum::<f64>() < farthest
+    (0..D).map(|i| solution.covariance[i][i]).sum::<f64>() < FAR * FAR * farthest
 }
 
 impl<const D: usize> Hypothesis<D> {
