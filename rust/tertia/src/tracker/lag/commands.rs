@@ -9,7 +9,7 @@ impl LagTracker {
     /// Changes a plan, or the plan of a track, from now on; returns the number of a plan that was added.
     ///
     /// # Errors
-    /// As the methods of [`Tracker`]; also for a track whose number is not final.
+    /// As the methods of [`Tracker`](crate::tracker::Tracker); also for a track whose number is not final.
     pub fn command(&mut self, command: Command) -> Result<Option<usize>, Refusal> {
         if let Some(number) =
             command.track().filter(|number| *number >= self.next_number_for_good())
@@ -32,7 +32,8 @@ impl LagTracker {
         suspended
     }
 
-    /// Numbers and positions of the confirmed tracks, as [`Tracker::extrapolate`]; numbers of 2^40 and more
+    /// Numbers and positions of the confirmed tracks, as
+    /// [`Tracker::extrapolate`](crate::tracker::Tracker::extrapolate); numbers of 2^40 and more
     /// are not final.
     pub fn extrapolate(&self, seconds: f64) -> Vec<(i64, [f64; 2])> {
         let first = self.tracker.first_plots();
