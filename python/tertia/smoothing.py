@@ -369,7 +369,9 @@ def smooth(
     correlation_time : float, optional
         Correlation time of the noise of the positions: plots a time T apart have the correlation
         `exp(-T / correlation_time)`. 0 means white noise. By default it is estimated from the
-        plots, and it is 0 unless the plots contradict white noise.
+        plots, and it is 0 unless the plots contradict white noise. If `covariance` shows that the
+        plots are those of several sensors in turn, it is 0, and what the residuals of a sensor have
+        in common is added to the covariance of the position.
     robust : bool
         Whether to allow for noise that is larger than stated, for outliers, and for jumps of the
         position. Outliers are left out, and positions before and after a jump are not averaged. If

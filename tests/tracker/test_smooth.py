@@ -252,6 +252,26 @@ def test_an_excluded_sensor_has_rows_and_no_weight():
     assert not np.any(rows.outlier)
 
 
+def test_the_errors_of_an_excluded_sensor_are_not_those_of_the_states():
+    plots, _ = two_radars()[:2]
+    tracks = track(plots, BOTH)
+
+    class Known(Registered):
+        def __init__(self, sensors):
+            super().__init__(sensors)
+            # the azimuths of the second sensor are unknown by 10 degrees
+            self.covariance[6, 6] = np.radians(10.0) ** 2
+
+    found = [
+        smooth_tracks(plots, BOTH, tracks, registration=Known(BOTH), exclude=one)
+        for one in (None, 1)
+    ]
+    sigmas = [
+        np.sqrt(np.median(one.covariance[:, 0, 0] + one.covariance[:, 1, 1])) for one in found
+    ]
+    assert sigmas[0] > 1000.0 > 10.0 * sigmas[1]
+
+
 def test_an_outlier_is_left_out():
     plots = turning(5)[3]
     tracks = track(plots, [RADAR])

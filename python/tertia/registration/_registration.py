@@ -44,7 +44,8 @@ class Registration(Result):
     bias : Bias
         Biases of the range, of its gain, of the azimuth and of the time at the end of the
         recording, each of shape (K,), with their standard deviations. A bias that the plots do not
-        determine keeps its value and sigma from before the registration.
+        determine keeps its value and sigma from before the registration; its sigma is larger if
+        other biases of its kind exceed theirs.
     covariance : ndarray of shape (4 * K, 4 * K)
         Covariance of the biases of range, gain, azimuth and time at the end, radar by radar.
     changes : tuple of (float, int)

@@ -286,7 +286,7 @@ def smooth_tracks(
         plots, radars = better, sites
         tracks = track(plots, radars, motion=motion, registration=False)
         updates = _updates(tracks, plots)
-    rows = _Rows.of(tracks, updates, (plots, radars), (better, sites), unknown)
+    rows = _Rows.of(tracks, updates, (plots, radars), (better, sites), (unknown, excluded))
     if interval is not None and np.sum(rows.spans) / interval > _MOST_STATES:
         raise ValueError(f"every is {interval}; that is more than {_MOST_STATES:,} states")
     used = np.ones(len(rows.plot), bool) if excluded is None else rows.sensor != excluded
@@ -337,12 +337,12 @@ class _Rows:
         rows: IntArray,
         tracked: tuple[Plots, Sequence[_Sensor]],
         smoothed: tuple[Plots, Sequence[_Sensor]],
-        unknown: FloatArray | None,
+        left: tuple[FloatArray | None, int | None],
     ) -> _Rows:
         """Sort the plots of these rows, as they were tracked and as they are smoothed.
 
-        `unknown` is the covariance of the systematic errors that are left; none if they are not
-        included.
+        `left` is the covariance of the systematic errors that are left, none if they are not
+        included, and the sensor whose plots are not used.
         """
         (plots, radars), (better, sites) = tracked, smoothed
         own = plots[tracks.plot[rows]]
@@ -357,10 +357,12 @@ class _Rows:
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
         numbers, first = np.unique(number[order], return_index=True)
+        unknown, excluded = left
         if unknown is not None:
             path = tracks.velocity[rows]
             parts = (own.sensor, number, time, position, covariance, path)
-            shared[order] += systematic(Placed(*(one[order] for one in parts)), sites, unknown)
+            seen = Placed(*(one[order] for one in parts))
+            shared[order] += systematic(seen, sites, unknown, excluded)
         columns = np.column_stack(
             [
                 time,

@@ -32,14 +32,18 @@ class Placed:
     velocity: FloatArray
 
 
-def systematic(plots: Placed, sensors: Sequence[_Sensor], covariance: FloatArray) -> FloatArray:
+def systematic(
+    plots: Placed, sensors: Sequence[_Sensor], covariance: FloatArray, excluded: int | None
+) -> FloatArray:
     """Return the covariance of each position from systematic errors, (N, 2, 2).
 
     `covariance` (4 K, 4 K) is that of the errors of the K sensors. A position is taken as the mean
-    of the sensors that see the target at about this time, weighted by their information.
+    of the sensors that see the target at about this time, weighted by their information, without
+    the sensor that is excluded.
     """
     effects = _effects(plots, sensors)
     near = [_nearest(plots, k, interval(one)) for k, one in enumerate(sensors)]
+    near = [(at, weight * (k != excluded)) for k, (at, weight) in enumerate(near)]
     total = np.maximum(sum(weight for _, weight in near), np.finfo(float).tiny)
     found = np.zeros_like(plots.covariance)
     for begin in range(0, len(plots.time), _CHUNK):

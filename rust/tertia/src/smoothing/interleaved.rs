@@ -15,6 +15,8 @@ use crate::base::small::{Factor, Matrix, add, dot, rotated, symmetrise};
 /// Largest difference between the shapes of the covariances of one sensor, as the divergence between two
 /// normal distributions of these covariances.
 const ALIKE: f64 = 0.25;
+/// Largest number of sensors; if there are more shapes, these change from plot to plot for other reasons.
+const MOST: usize = 16;
 /// Least share of the plots that follow one of another sensor, and least number of them.
 const TURNS: f64 = 0.125;
 const LEAST_TURNS: f64 = 4.0;
@@ -79,7 +81,7 @@ pub(super) struct Interleaved {
 }
 
 impl Interleaved {
-    /// Returns none if the plots may be those of one sensor. Cost O(N) for each sensor.
+    /// Returns none if the plots may be those of one sensor. Cost O(N).
     pub fn find(track: &Track<'_>) -> Option<Self> {
         match track.dimension {
             2 => Self::by_shape::<2>(track),
@@ -112,6 +114,7 @@ impl Interleaved {
                     sensors[own] = (shape, sensors[own].1 + 1);
                     own
                 }
+                _ if sensors.len() == MOST => return None,
                 _ => {
                     sensors.push((shape, 1));
                     sensors.len() - 1

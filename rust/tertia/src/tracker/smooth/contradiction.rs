@@ -13,6 +13,7 @@ const BESIDE: usize = 2;
 const MOST: usize = 3;
 
 /// Difference of a sensor from the path, in position and velocity.
+#[derive(Clone, Copy)]
 struct Difference {
     time: f64,
     value: [f64; 4],
@@ -40,6 +41,20 @@ pub(super) fn add_contradictions(plots: &[TrackPlot], rows: &mut [SmoothedRow]) 
                 add(from, to, rows);
             }
         }
+        // nothing shows that the sensors agree before the first plot or after the last one
+        if let Some(Some(first)) = differences.first() {
+            add(&first.at(f64::NEG_INFINITY), first, rows);
+        }
+        if let Some(Some(last)) = differences.last() {
+            add(last, &last.at(f64::INFINITY), rows);
+        }
+    }
+}
+
+impl Difference {
+    /// The same difference at another time.
+    fn at(&self, time: f64) -> Self {
+        Self { time, ..*self }
     }
 }
 
@@ -72,7 +87,8 @@ fn add(from: &Difference, to: &Difference, rows: &mut [SmoothedRow]) {
     let end = rows.partition_point(|row| row.time < to.time);
     let Plane { xx, xy, yy } = from.covariance;
     for row in &mut rows[begin..end] {
-        let share = (row.time - from.time) / (to.time - from.time);
+        let step = to.time - from.time;
+        let share = if step.is_finite() { (row.time - from.time) / step } else { 0.0 };
         let at: [f64; 4] =
             std::array::from_fn(|i| from.value[i] + share * (to.value[i] - from.value[i]));
         for (i, j) in (0..16).map(|place| (place / 4, place % 4)) {
@@ -121,7 +137,8 @@ mod tests {
         let movement = Movement::of(&Motion::Imm(ImmModel::default())).unwrap();
         let mut rows = smooth(&movement, &plots, &Times::default(), 12.4);
         add_contradictions(&plots, &mut rows);
-        let late = rows.iter().filter(|row| row.time > 60.0 && row.time < 90.0);
+        // to the end, after the last plot of the other sensor
+        let late = rows.iter().filter(|row| row.time > 60.0);
         for row in late {
             let sigma = row.covariance[1][1].sqrt();
             assert!(row.state[1].abs() < 2.0 * sigma && sigma < 2.0 * row.state[1].abs());
