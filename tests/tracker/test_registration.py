@@ -115,6 +115,26 @@ def test_first_tracks_are_as_good_as_they_say():
     assert 0.8 < np.nanmean(np.concatenate(squares)) < 1.25
 
 
+@pytest.mark.parametrize("radar", [0, 1])
+@pytest.mark.parametrize("difference", [0.6, 1.2])
+def test_either_of_two_clocks_may_be_the_wrong_one(difference, radar):
+    late = np.zeros(len(RADARS))
+    late[radar] = difference
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=radar)
+    record = simulate.radar_plots(traffic, RADARS, bias=Bias(time=late), rng=5)
+    place, _ = traffic.at(record.target, record.plots.time - late[record.plots.sensor])
+    tracker, tables = followed(record.plots)
+    table = tables[0].join(tables)
+    seen = (table.plot >= 0) & (table.time > 60.0)
+    error = table.position[seen] - place[table.plot[seen]]
+    squares = nees(error, table.covariance[seen][:, :2, :2])
+    # .25 to .7 while one of the clocks was believed, or their mean
+    assert np.mean(squares < 5.991) > 0.9
+    bias = tracker.bias
+    assert abs(bias.time[radar] - bias.time[1 - radar] - difference) < 0.1
+    assert np.all(np.abs(bias.time - late) < 2.0 * np.asarray(bias.time_sigma))
+
+
 def test_one_radar_determines_nothing():
     plots = recording(2)
     tracker = Tracker(RADARS[:1], registration=True)

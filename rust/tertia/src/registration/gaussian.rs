@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 /// Number of observed errors that the prior is worth as an estimate of the size of errors.
 const STATED: f64 = 2.0;
+/// Errors exceed their prior distribution if the sum of their squares, in units of the prior, is larger than
+/// these multiples of 1 and of its expectation: this happens by chance in one case in a thousand.
+const CONTRADICTED: [f64; 2] = [9.0, 2.2];
 /// Largest excess of a variance over that of the prior that is rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -41,12 +44,28 @@ impl Gaussian {
     /// factor. The factor follows from `m² / (1 − P)`, which is one on average for an error that is observed;
     /// it matters for errors that are not. Cost O(q³).
     pub fn relaxed(&self, kind: &[usize]) -> DMatrix<f64> {
+        self.enlarged(kind, |squares, expected| (STATED + squares) / (STATED + expected))
+    }
+
+    /// As [`Self::relaxed`], but only for errors that are clearly larger than their prior says.
+    pub fn exceeded(&self, kind: &[usize]) -> DMatrix<f64> {
+        self.enlarged(kind, excess)
+    }
+
+    /// Returns the covariance if the variance of the prior of each `kind` is larger by a `factor` of the sum of
+    /// squares of the errors and of its expectation.
+    fn enlarged(&self, kind: &[usize], factor: impl Fn(f64, f64) -> f64) -> DMatrix<f64> {
         let order = self.mean.len();
         let kinds = kind.iter().copied().max().map_or(0, |most| most + 1);
-        let mut sums = vec![[STATED; 2]; kinds];
+        let mut sums = vec![[0.0; 2]; kinds];
         for (i, &kind) in kind.iter().enumerate() {
             sums[kind][0] += self.mean[i] * self.mean[i];
             sums[kind][1] += 1.0 - self.covariance[(i, i)];
+        }
+        let less = |[squares, expected]: [f64; 2]| (1.0 - 1.0 / factor(squares, expected)).max(0.0);
+        let less: Vec<f64> = sums.into_iter().map(less).collect();
+        if less.iter().all(|less| *less == 0.0) {
+            return self.covariance.clone();
         }
         // after a sudden change some combination of errors is less certain than the prior says anyway
         let certain = DMatrix::from_diagonal_element(order, order, 1.0 + ROUNDING);
@@ -56,9 +75,8 @@ impl Gaussian {
         // (P⁻¹ − D)⁻¹, where D is the decrease of the information of the prior
         let mut sum = DMatrix::identity(order, order);
         for (j, &kind) in kind.iter().enumerate() {
-            let less = (1.0 - sums[kind][1] / sums[kind][0]).max(0.0);
             for i in 0..order {
-                sum[(i, j)] -= self.covariance[(i, j)] * less;
+                sum[(i, j)] -= self.covariance[(i, j)] * less[kind];
             }
         }
         let Some(inverse) = sum.try_inverse() else { return self.covariance.clone() };
@@ -82,6 +100,13 @@ impl Gaussian {
         self.covariance = 0.5 * (&covariance + covariance.transpose());
         self.mean += &self.covariance * (score - information * &self.mean);
     }
+}
+
+/// Returns the factor of the variance of a prior that errors clearly exceed, given the sum of their squares in
+/// units of the prior and its expectation; 1 if they do not exceed it.
+pub(super) fn excess(squares: f64, expected: f64) -> f64 {
+    let is_clear = squares > CONTRADICTED[0] + CONTRADICTED[1] * expected;
+    if is_clear { squares / expected.max(0.5) } else { 1.0 }
 }
 
 /// Returns the covariance, in units of the prior, with the information beyond that of the prior times a factor.
@@ -127,6 +152,7 @@ mod tests {
     fn errors_larger_than_their_prior_relax_it() {
         let small = seen();
         assert_eq!(small.relaxed(&[0, 1]), small.covariance);
+        assert_eq!(small.exceeded(&[0, 1]), small.covariance);
         // twice and four times the prior: (2 + 4 + 16) / (2 + 2 (1 − 4/15)) of the variance
         let large = Gaussian { mean: DVector::from_row_slice(&[2.0, -4.0]), ..seen() };
         let factor: f64 = 22.0 / (2.0 + 22.0 / 15.0);
@@ -138,6 +164,10 @@ mod tests {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
         assert!(found[(0, 0)] > large.covariance[(0, 0)]);
+        // (4 + 16) / (22 / 15) of the variance, if that is clearly more than expected
+        assert!(large.exceeded(&[0, 0])[(0, 0)] > found[(0, 0)]);
+        let less_large = Gaussian { mean: DVector::from_row_slice(&[2.0, -2.0]), ..seen() };
+        assert_eq!(less_large.exceeded(&[0, 0]), less_large.covariance);
     }
 
     #[test]

@@ -175,11 +175,17 @@ impl Registrar {
         errors
     }
 
-    /// Returns the standard deviations of the errors.
+    /// Returns the standard deviations of the errors, larger for kinds of errors that clearly exceed their
+    /// prior.
     pub fn sigmas(&self) -> Vec<Errors> {
+        self.roots(&self.exceeded())
+    }
+
+    /// Returns the standard deviations in a covariance in units of the prior.
+    fn roots(&self, covariance: &DMatrix<f64>) -> Vec<Errors> {
         let mut found = vec![[0.0; ERRORS]; self.radars.len()];
         for_each(&self.unknowns(), |k, j, column, sigma| {
-            found[k][j] = self.known.covariance[(column, column)].max(0.0).sqrt() * sigma;
+            found[k][j] = covariance[(column, column)].max(0.0).sqrt() * sigma;
         });
         found
     }
@@ -202,9 +208,19 @@ impl Registrar {
     /// Returns this covariance in units of the prior, if all errors of a kind may be larger than the prior
     /// says.
     fn relaxed(&self) -> DMatrix<f64> {
-        let mut kind = vec![0; self.known.mean.len()];
-        for_each(&self.unknowns(), |_, j, column, _| kind[column] = j);
-        self.known.relaxed(&kind)
+        self.known.relaxed(&self.kinds())
+    }
+
+    /// Returns the covariance in units of the prior, larger for kinds of errors that clearly exceed it.
+    fn exceeded(&self) -> DMatrix<f64> {
+        self.known.exceeded(&self.kinds())
+    }
+
+    /// Returns the kind of each unknown error.
+    fn kinds(&self) -> Vec<usize> {
+        let mut kinds = vec![0; self.known.mean.len()];
+        for_each(&self.unknowns(), |_, j, column, _| kinds[column] = j);
+        kinds
     }
 
     /// Returns the state of the registrar as bytes.
@@ -231,7 +247,7 @@ impl Registrar {
     /// Returns the standard deviations of range (m) and azimuth (rad) with which plots of each radar are to
     /// be tracked: the estimated noise, with the uncertainty of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
-        let sigmas = self.sigmas();
+        let sigmas = self.roots(&self.known.covariance);
         let one = |(k, [offset, gain, azimuth, clock]): (usize, Errors)| {
             let late = 0.5 * (SPEED * clock).powi(2);
             let [range, angle] = self.own_noise(k);
@@ -250,7 +266,7 @@ impl Registrar {
     /// # Panics
     /// If the length differs.
     pub fn unsure(&self, radars: &[bool]) -> f64 {
-        let sigmas = self.sigmas();
+        let sigmas = self.roots(&self.known.covariance);
         assert_eq!(radars.len(), sigmas.len());
         let own = sigmas.iter().zip(radars).filter(|(_, is_radar)| **is_radar);
         let (sum, count) = own.fold((0.0, 0.0), |(sum, count), ([offset, gain, azimuth, _], _)| {

@@ -2,7 +2,7 @@
 
 use super::block::{Known, Unknowns};
 use super::clusters::Clusters;
-use super::gaussian::scaled;
+use super::gaussian::{excess, scaled};
 use super::history::{Course, History, Said};
 use super::noise::stretch_of;
 use super::sighting::{ERRORS, Errors};
@@ -15,9 +15,6 @@ use nalgebra::{DMatrix, DVector};
 /// Number of redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
-/// Errors exceed their prior distribution if the sum of their squares, in units of the prior, is larger than
-/// these multiples of 1 and of its expectation: this happens by chance in one case in a thousand.
-const CONTRADICTED: [f64; 2] = [9.0, 2.2];
 /// Sudden changes that the first round allows for, in standard deviations of the prior.
 const FIRST: f64 = 10.0;
 
@@ -95,9 +92,7 @@ fn exceeded(found: &Registered, prior: Prior<'_>) -> Option<Vec<Errors>> {
                 squares += ((errors[k][j] - prior.mean[k][j]) / own[j]).powi(2);
                 expected += 1.0 - (sigmas[k][j] / own[j]).powi(2).min(1.0);
             }
-            if squares > CONTRADICTED[0] + CONTRADICTED[1] * expected {
-                factor = factor.max((squares / expected.max(0.5)).sqrt());
-            }
+            factor = factor.max(excess(squares, expected).sqrt());
         }
         sigma.iter_mut().for_each(|own| own[j] *= factor);
     }

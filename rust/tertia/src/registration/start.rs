@@ -22,6 +22,8 @@ const POSITIONS: f64 = 20.0;
 const IN_CHAIN: f64 = 13.8;
 /// ln of the odds that equal identities add to a pair.
 const IDENTITIES: f64 = 6.0;
+/// ln of the odds between two radars up to which either may have the large errors.
+const RIVAL: f64 = 3.0;
 /// Prior ln odds that one radar has large errors, and that all have, against none.
 const ONE: f64 = -3.0;
 const ALL: f64 = -6.0;
@@ -90,7 +92,8 @@ struct Pair {
 }
 
 /// Estimates the errors of the radars under the hypotheses that no radar has large errors, that one has, and
-/// that all have; the likeliest is chosen.
+/// that all have; the likeliest is chosen. If several radars are about equally likely to be the one, any of them
+/// may have large errors: of two clocks, only the difference is observed.
 ///
 /// # Panics
 /// If the radar of a track does not exist, or the lengths differ.
@@ -111,17 +114,8 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
         }
     }
     let count = radars.len();
-    let hypotheses = std::iter::once((0.0, vec![false; count]))
-        .chain((0..count).map(|k| (ONE, (0..count).map(|i| i == k).collect())))
-        .chain([(ALL, vec![true; count])]);
-    let (_, large, errors, variances) = hypotheses
-        .map(|(odds, large)| {
-            let sigma = |i: usize| if large[i / ERRORS] { WIDE[i % ERRORS] } else { 1.0 };
-            let (evidence, mean, variances) = evidence(&information, &score, sigma);
-            (odds + evidence, large, mean, variances)
-        })
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .unwrap_or((0.0, vec![false; count], DVector::zeros(order), DVector::zeros(order)));
+    let large = large(&information, &score, count);
+    let (_, errors, variances) = evidence(&information, &score, &large);
     let value = |k: usize, j: usize| errors[ERRORS * k + j] * prior[k][j];
     let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
     let known = |k: usize, j: usize| prior[k][j] * variances[ERRORS * k + j].sqrt();
@@ -135,14 +129,31 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     }
 }
 
-/// Returns ln of the evidence for errors with these prior standard deviations, their mean, and their
-/// remaining variances.
+/// Returns which radars may have large errors.
+fn large(information: &DMatrix<f64>, score: &DVector<f64>, count: usize) -> Vec<bool> {
+    let odds = |large: &[bool]| evidence(information, score, large).0;
+    let one = |k: usize| ONE + odds(&(0..count).map(|i| i == k).collect::<Vec<_>>());
+    let ones: Vec<f64> = (0..count).map(one).collect();
+    let likeliest = ones.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let [none, all] = [odds(&vec![false; count]), ALL + odds(&vec![true; count])];
+    if none >= likeliest.max(all) {
+        vec![false; count]
+    } else if all >= likeliest {
+        vec![true; count]
+    } else {
+        ones.iter().map(|own| *own > likeliest - RIVAL).collect()
+    }
+}
+
+/// Returns ln of the evidence for errors that are large of some radars, their mean, and their remaining
+/// variances.
 fn evidence(
     information: &DMatrix<f64>,
     score: &DVector<f64>,
-    sigma: impl Fn(usize) -> f64,
+    large: &[bool],
 ) -> (f64, DVector<f64>, DVector<f64>) {
     let n = score.len();
+    let sigma = |i: usize| if large[i / ERRORS] { WIDE[i % ERRORS] } else { 1.0 };
     let u = DVector::from_fn(n, |i, _| sigma(i) * score[i]);
     let m = DMatrix::from_fn(n, n, |i, j| {
         f64::from(u8::from(i == j)) + sigma(i) * information[(i, j)] * sigma(j)

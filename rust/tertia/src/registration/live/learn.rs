@@ -50,7 +50,7 @@ impl Registrar {
     ) -> Vec<(i64, f64, [f64; 4])> {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
-        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.known.covariance));
+        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.exceeded()));
         Arch::new().dispatch(Rows {
             registrar: self,
             updates,
