@@ -14,6 +14,8 @@ from tertia.tracker import Plots, SmoothedTracks, TrackTable, smooth_tracks, tra
 
 SCENES = repetitions(5)
 FLIGHTS, DURATION, SETTLED = 25, 300.0, 30.0
+# larger noise of every third target, and distance at which noise along the line of sight is twice as large
+LARGER, FAR = 5.0, 40e3
 # stated: m, m and rad
 SIGMA, RANGE_SIGMA, AZIMUTH_SIGMA = 10.0, 50.0, 0.0014
 # 95 % quantile of chi-square with two degrees of freedom
@@ -22,11 +24,12 @@ SEED = 83
 
 
 def scene(
-    seed: int, interval: float, noise: float, step: float
+    seed: int, interval: float, noise: float | str, step: float
 ) -> tuple[simulate.Traffic, Plots, list[PositionSensor] | list[Radar], IntArray]:
     """Simulate flights that report positions, or are seen by a radar if the interval is 4 s.
 
-    The errors are `noise` times as large as stated, and times are rounded to the step, if any.
+    The errors are `noise` times as large as stated, or differ between targets or places, and times
+    are rounded to the step, if any.
     """
     random = np.random.default_rng([SEED, seed])
     traffic = simulate.dense_traffic(
@@ -52,10 +55,28 @@ def scene(
     position, _ = traffic.at(target, times)
     there = np.isfinite(position).all(axis=1)
     times, target, position = times[there], target[there], position[there]
-    position = position + noise * SIGMA * random.standard_normal(position.shape)
+    position = position + SIGMA * factors(noise, target, position, random)
     sensor = PositionSensor(position_sigma=SIGMA, update_interval=interval, bias=Bias())
     plots = Plots(rounded(times, step), position=position, icao_address=1 + target)
     return traffic, plots, [sensor], target
+
+
+def factors(
+    noise: float | str, target: IntArray, position: FloatArray, random: np.random.Generator
+) -> FloatArray:
+    """Draw errors east and north, in the stated sigmas."""
+    errors = random.standard_normal(position.shape)
+    if isinstance(noise, float):
+        return noise * errors
+    if noise == "targets":
+        return np.where(target % 3 == 0, LARGER, 1.0)[:, np.newaxis] * errors
+    # as of multilateration: less accurate far away, above all along the line of sight
+    distance = np.hypot(*position.T)[:, np.newaxis]
+    along = position / distance
+    across = np.stack([along[:, 1], -along[:, 0]], axis=-1)
+    sizes = np.hstack([1.0 + (distance / FAR) ** 2, 1.0 + distance / (3.0 * FAR)])
+    first, second = (sizes * errors).T
+    return first[:, np.newaxis] * along + second[:, np.newaxis] * across
 
 
 def rounded(time: FloatArray, step: float) -> FloatArray:
@@ -90,6 +111,8 @@ def unstated() -> str:
         ("reports every second, as stated", 1.0, 1.0, 0.0),
         ("noise 2 times as large", 1.0, 2.0, 0.0),
         ("noise 3 times as large", 1.0, 3.0, 0.0),
+        ("noise 5 times as large for every third target", 1.0, "targets", 0.0),
+        ("noise that grows with the distance", 1.0, "places", 0.0),
         ("times in whole seconds", 1.0, 1.0, 1.0),
         ("times in tenths of a second", 1.0, 1.0, 0.1),
         ("reports every 5 s, times in whole seconds", 5.0, 1.0, 1.0),

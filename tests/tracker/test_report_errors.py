@@ -26,14 +26,18 @@ def flights(seed, interval, spread):
     return rng, time[order], number[order], start, velocity
 
 
-def reports(seed, stated, *, rounded=False):
-    """Return reports of a sensor that states this sigma, and a function for the true position."""
+def reports(seed, stated, *, rounded=False, larger=1.0):
+    """Return reports of a sensor that states this sigma, and a function for the true position.
+
+    The errors of every third target are larger by a factor.
+    """
     rng, time, number, start, velocity = flights(seed, 1.0, 0.2)
 
     def place(target, at):
         return start[target] + at[:, np.newaxis] * velocity[target]
 
-    position = place(number, time) + SIGMA * rng.standard_normal((len(time), 2))
+    sigma = SIGMA * np.where(number % 3 == 0, larger, 1.0)
+    position = place(number, time) + sigma[:, np.newaxis] * rng.standard_normal((len(time), 2))
     shown = np.round(time) if rounded else time
     plots = Plots(shown, position=position, icao_address=1 + number)
     sensor = PositionSensor(position_sigma=stated, update_interval=1.0, bias=Bias())
@@ -56,6 +60,22 @@ def test_ellipses_contain_the_targets(estimate, stated, rounded):
     table = estimate(plots, sensors)
     assert len(np.unique(table.track)) == TARGETS
     assert inside(table, number, place) > 0.93
+
+
+@pytest.mark.parametrize("estimate", [track, smooth_tracks])
+def test_each_target_has_its_own_noise(estimate):
+    plots, sensors, number, place = reports(1, SIGMA, larger=5.0)
+    table = estimate(plots, sensors)
+    assert len(np.unique(table.track)) == TARGETS
+    # .5 before
+    rows = table.plot >= 0
+    noisy = np.zeros(len(rows), dtype=bool)
+    noisy[rows] = number[table.plot[rows]] % 3 == 0
+    for some in (noisy, rows & ~noisy):
+        assert inside(table[some], number, place) > 0.9
+    # those of the others do not grow
+    variances = np.trace(table.covariance[:, :2, :2], axis1=1, axis2=2)
+    assert np.median(variances[rows & ~noisy]) < 0.2 * np.median(variances[noisy])
 
 
 def test_a_tracker_says_how_noisy_reports_are():

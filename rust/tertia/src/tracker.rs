@@ -46,6 +46,7 @@ mod geometry;
 mod groups;
 mod height;
 mod identity;
+mod individual;
 mod kept;
 mod kinematics;
 mod lag;

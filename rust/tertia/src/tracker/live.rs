@@ -320,16 +320,21 @@ impl Tracker {
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
-            measured.widen(self.settings.quality(plot.radar).ratio);
+            let ratio = self.settings.quality(plot.radar).ratio;
+            measured.widen(ratio, &self.noise[plot.radar].individual);
             measured.gain = self.clutter[plot.radar].gain(radar, &measured);
             measured
         };
         let mut waiting = std::mem::take(&mut self.waiting);
+        let first = waiting.len();
         if self.azimuths.any() {
             let others = self.azimuths.take(plots, now, index, &self.settings);
             extend(&mut waiting, &others, threads, convert);
         } else {
             extend(&mut waiting, now, threads, convert);
+        }
+        for plot in &waiting[first..] {
+            self.noise[plot.radar].saw_identity(plot, &self.settings);
         }
         self.shapes.show(&mut self.tracks, &self.settings);
         let groups = self.shapes.combine(&mut waiting, &self.tracks, &self.settings);

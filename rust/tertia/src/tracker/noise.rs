@@ -8,6 +8,7 @@
 //! the estimated noise.
 
 use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
+use super::individual::{Individual, key};
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
 use super::quality::{Quality, Reports};
@@ -167,6 +168,7 @@ pub(super) struct Noise {
     pub unidentified: Unidentified,
     /// Errors of the reports of a sensor of positions.
     pub reports: Reports,
+    pub individual: Individual,
     chains: Vec<Chain>,
 }
 
@@ -182,6 +184,7 @@ impl Noise {
             interval: Interval::new(radar.scan_period),
             unidentified: Unidentified::default(),
             reports: Reports::default(),
+            individual: Individual::default(),
             chains: Vec::new(),
         }
     }
@@ -190,6 +193,7 @@ impl Noise {
     pub fn restart(&mut self) {
         self.chains.clear();
         self.reports.restart();
+        self.individual.restart();
     }
 
     /// Updates the estimates by a plot of a confirmed track.
@@ -260,9 +264,25 @@ impl Noise {
             self.interval.saw(age);
         }
         if let Some(noise) = plot.source.placed() {
-            let is_point = settings.radars[plot.radar].extent == 0.0;
-            let stated = if is_point { 1.0 / settings.quality(plot.radar).ratio } else { f64::NAN };
-            self.reports.saw(track, plot, noise.scaled(stated));
+            let ratio = settings.quality(plot.radar).ratio;
+            if settings.radars[plot.radar].extent > 0.0 {
+                return self.reports.saw(track, plot, noise.scaled(f64::NAN));
+            }
+            let noise = self.individual.basis(key(&plot.identities), noise);
+            self.reports.saw(track, plot, noise.scaled(1.0 / ratio));
+        }
+    }
+
+    /// Updates the noise of single targets by a report with an identity, whichever track it may belong to.
+    pub fn saw_identity(&mut self, plot: &Measured, settings: &Settings) {
+        let is_point = settings.radars[plot.radar].extent == 0.0;
+        if !is_point || !settings.geometry(plot.radar).is_position() {
+            return;
+        }
+        if let (Some(noise), Some(key)) = (plot.source.placed(), key(&plot.identities)) {
+            let Quality { ratio, clock, .. } = settings.quality(plot.radar);
+            let (place, ratios) = ((plot.time, plot.position), (ratio, self.reports.ratio()));
+            self.individual.saw(key, place, (noise, clock), ratios);
         }
     }
 
@@ -277,6 +297,7 @@ impl Noise {
         let Quality { ratio, clock, .. } = self.quality();
         let is_other = ratio > DIFFERENT * DIFFERENT || clock > 0.0;
         is_other
+            || self.individual.differs()
             || self.interval.is_shorter()
             || self.found().into_iter().zip(self.stated).any(is_noisier)
     }

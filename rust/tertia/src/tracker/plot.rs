@@ -1,6 +1,7 @@
 //! Plots of radars, and the reasons why plots are not used.
 
 use super::geometry::Geometry;
+use super::individual::{Individual, key};
 use super::level::Level;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -365,11 +366,11 @@ impl Measured {
         own
     }
 
-    /// Multiplies the covariance of a reported position.
+    /// Multiplies the covariance of a reported position by this ratio, and by that of its target.
     #[inline]
-    pub fn widen(&mut self, ratio: f64) {
+    pub fn widen(&mut self, ratio: f64, individual: &Individual) {
         if let Source::Placed(noise) | Source::Moving(noise, _) = &mut self.source {
-            *noise = noise.scaled(ratio);
+            *noise = individual.noise(key(&self.identities), noise.scaled(ratio));
         }
     }
 

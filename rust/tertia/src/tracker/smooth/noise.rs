@@ -1,6 +1,7 @@
 //! Covariances of the plots of tracks with the noise that the plots themselves show.
 
 use crate::base::plane::Plane;
+use crate::tracker::individual::Individual;
 use crate::tracker::noise::{Noise, SMOOTHING};
 use crate::tracker::plot::{Measured, Source};
 use crate::tracker::settings::Settings;
@@ -23,7 +24,8 @@ pub struct PlacedPlot {
 }
 
 /// Returns the covariance of each plot by the noise that the plots show, if this is larger than the stated
-/// noise, and the part of it that successive plots have in common. The plots are in the order of time.
+/// noise, and the part of it that successive plots have in common. The plots are in the order of time. Reports
+/// of positions have the noise of their targets if it differs between them.
 ///
 /// Cost O(plots).
 pub fn shown_covariances(settings: &Settings, plots: &[PlacedPlot]) -> Vec<[Plane; 2]> {
@@ -35,18 +37,64 @@ pub fn shown_covariances(settings: &Settings, plots: &[PlacedPlot]) -> Vec<[Plan
         let measured = Measured { time, radar, position, source, ..Measured::default() };
         noise[radar].saw(track, &measured, settings);
     }
-    plots.iter().map(|plot| shown(plot, &noise[plot.sensor], settings)).collect()
+    let mut found: Vec<Plane> =
+        plots.iter().map(|plot| shown(plot, &noise[plot.sensor], settings)).collect();
+    use_individual(settings, plots, &noise, &mut found);
+    let covariances = plots.iter().zip(found);
+    covariances.map(|(plot, own)| moved(plot, own, &noise[plot.sensor])).collect()
 }
 
-fn shown(plot: &PlacedPlot, noise: &Noise, settings: &Settings) -> [Plane; 2] {
-    let (quality, [along, across]) = (noise.quality(), noise.factors(SMOOTHING));
+/// The covariance by the noise of all plots.
+fn shown(plot: &PlacedPlot, noise: &Noise, settings: &Settings) -> Plane {
+    if settings.geometry(plot.sensor).is_position() {
+        return plot.covariance.scaled(noise.quality().ratio);
+    }
+    let [along, across] = noise.factors(SMOOTHING);
     let origin = settings.radars[plot.sensor].position;
     let away = [0, 1].map(|i| plot.position[i] - origin[i]);
-    let own = if settings.geometry(plot.sensor).is_position() {
-        plot.covariance.scaled(quality.ratio)
-    } else {
-        stretched(plot.covariance, away, [along.sqrt(), across.sqrt()])
+    stretched(plot.covariance, away, [along.sqrt(), across.sqrt()])
+}
+
+/// Replaces the covariances of reports by those of their targets where the noise differs between targets: the
+/// mean of those that the reports before and after show.
+fn use_individual(
+    settings: &Settings,
+    plots: &[PlacedPlot],
+    noise: &[Noise],
+    covariances: &mut [Plane],
+) {
+    let mut single = vec![Individual::default(); noise.len()];
+    let is_report = |plot: &PlacedPlot| {
+        settings.geometry(plot.sensor).is_position() && settings.radars[plot.sensor].extent == 0.0
     };
+    let reports: Vec<_> = (0..plots.len()).filter(|&i| is_report(&plots[i])).collect();
+    let follow = |single: &mut [Individual], i: usize, sign: f64| {
+        let plot = &plots[i];
+        let (single, noise) = (&mut single[plot.sensor], &noise[plot.sensor]);
+        let (quality, key) = (noise.quality(), (0, plot.track as i64));
+        let ratios = (quality.ratio, noise.reports.ratio());
+        let own = (single.noise(Some(key), covariances[i]), quality.clock);
+        single.saw(key, (sign * plot.time, plot.position), own, ratios);
+        single.noise(Some(key), covariances[i])
+    };
+    for &i in &reports {
+        follow(&mut single, i, 1.0);
+    }
+    if !single.iter().any(Individual::differs) {
+        return;
+    }
+    let mut both = single.clone();
+    [&mut single, &mut both].into_iter().flatten().for_each(Individual::restart);
+    let mut found: Vec<Plane> = reports.iter().map(|&i| follow(&mut single, i, 1.0)).collect();
+    for (own, &i) in found.iter_mut().zip(&reports).rev() {
+        *own = own.plus(follow(&mut both, i, -1.0)).scaled(0.5);
+    }
+    reports.into_iter().zip(found).for_each(|(i, own)| covariances[i] = own);
+}
+
+/// Returns the covariance with the errors of times, and the part of it that successive plots have in common.
+fn moved(plot: &PlacedPlot, own: Plane, noise: &Noise) -> [Plane; 2] {
+    let quality = noise.quality();
     let [u, v] = plot.velocity;
     let moved = Plane { xx: u * u, xy: u * v, yy: v * v };
     [own.plus(moved.scaled(quality.clock)), moved.scaled(quality.lasting)]
