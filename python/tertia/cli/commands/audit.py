@@ -18,6 +18,7 @@ from tertia.cli.terminal.options import (
     column_names,
     input_file,
     input_files,
+    option,
     pair,
 )
 from tertia.cli.terminal.say import note, print_table, working
@@ -44,31 +45,29 @@ def audit(
     ] = None,
     value: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN", help="Column to audit, such as azimuth_deg; by default positions."
-        ),
+        option("Column to audit, such as azimuth_deg; by default positions.", metavar="COLUMN"),
     ] = None,
     by: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "Column whose values identify independent parts; by default track or target.",
             metavar="COLUMN",
-            help="Column whose values identify independent parts; by default track or target.",
         ),
     ] = None,
     strata: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "Column whose values define parts that are audited separately; may be repeated.",
             metavar="COLUMN",
-            help="Column whose values define parts that are audited separately; may be repeated.",
         ),
     ] = None,
     column: ColumnNames = None,
     truth_column: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=COLUMN", help="As --column, for the truth; may be repeated."),
+        option("As --column, for the truth; may be repeated.", metavar="NAME=COLUMN"),
     ] = None,
     truth_sigma: Annotated[
-        float, typer.Option(help="Standard deviation of each axis of the truth, in metres.")
+        float, option("Standard deviation of each axis of the truth, in metres.")
     ] = 0.0,
     origin: Origin = None,
     max_distance: MaxDistance = 1000.0,

@@ -24,6 +24,7 @@ from tertia.cli.terminal.options import (
     Threads,
     Value,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import FAILED, as_text, note, print_table, working
 from tertia.tables import RecordWarning
@@ -54,31 +55,26 @@ def bearing(
     by: By = None,
     groups: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Column of labels; rows with the same label share a systematic error.",
+        option(
+            "Column of labels; rows with the same label share a systematic error.", metavar="COLUMN"
         ),
     ] = None,
     bias_sigma: Annotated[
-        float | None,
-        typer.Option(help="Sigma of the systematic error; by default estimated from --groups."),
+        float | None, option("Sigma of the systematic error; by default estimated from --groups.")
     ] = None,
     sigma: Annotated[
-        float | None,
-        typer.Option(help="Stated sigma of the measurements; by default from azimuth_sigma_deg."),
+        float | None, option("Stated sigma of the measurements; by default from azimuth_sigma_deg.")
     ] = None,
-    method: Annotated[Method, typer.Option(help="Method of estimation.")] = "robust",
+    method: Annotated[Method, option("Method of estimation.")] = "robust",
     period: Annotated[
         float | None,
-        typer.Option(
-            help="Period of the measurements; 0: none. By default 360 for degrees, 2 pi for "
+        option(
+            "Period of the measurements; 0: none. By default 360 for degrees, 2 pi for "
             "columns that end in _rad, none for other units."
         ),
     ] = None,
-    block_size: Annotated[int, typer.Option(help="Number of measurements per block.")] = 10,
-    k: Annotated[
-        float, typer.Option(help="Threshold of the methods corrected, paper and k-sigma.")
-    ] = 2.5,
+    block_size: Annotated[int, option("Number of measurements per block.")] = 10,
+    k: Annotated[float, option("Threshold of the methods corrected, paper and k-sigma.")] = 2.5,
     n_threads: Threads = None,
     output: Output = None,
     plot_file: PlotFile = None,

@@ -23,6 +23,7 @@ from tertia.cli.terminal.options import (
     Threads,
     Value,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import (
     MAX_ROWS,
@@ -57,29 +58,27 @@ def fuse_series(
     period: Period = 360.0,
     sigma: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[NAME=]VALUE",
-            help="Stated sigma of the plots of the sensor NAME, or of all other sensors; may be "
+        option(
+            "Stated sigma of the plots of the sensor NAME, or of all other sensors; may be "
             "repeated. By default the sigma in the files or, without one, an estimate.",
+            metavar="[NAME=]VALUE",
         ),
     ] = None,
     bias_sigma: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[NAME=]VALUE",
-            help="Sigma of the constant error of the sensor NAME, or of all other sensors; may be "
+        option(
+            "Sigma of the constant error of the sensor NAME, or of all other sensors; may be "
             "repeated. The error itself is estimated. By default there is none.",
+            metavar="[NAME=]VALUE",
         ),
     ] = None,
-    method: Annotated[FusionMethod, typer.Option(help="Method of fusion.")] = "robust",
+    method: Annotated[FusionMethod, option("Method of fusion.")] = "robust",
     alpha: Annotated[
         float | None,
-        typer.Option(
-            help="Inverse of the time constant of the acceleration; by default estimated."
-        ),
+        option("Inverse of the time constant of the acceleration; by default estimated."),
     ] = None,
     acceleration_sigma: Annotated[
-        float | None, typer.Option(help="Sigma of the acceleration; by default estimated.")
+        float | None, option("Sigma of the acceleration; by default estimated.")
     ] = None,
     n_threads: Threads = None,
     output: Output = None,
@@ -128,14 +127,14 @@ def fuse_series(
 def _by_sensor(flag: str, options: Sequence[str]) -> dict[Any, float]:
     """Return the values of an option by sensor; None stands for all other sensors."""
     stated: dict[str | None, float] = {}
-    for option in options:
-        name, separator, text = option.rpartition("=")
+    for given in options:
+        name, separator, text = given.rpartition("=")
         try:
             number = float(text)
         except ValueError:
             number = math.nan
         if not 0 < number < math.inf:
-            fail(f"{flag} is {option!r}; it must be a positive number, or NAME=NUMBER", WRONG_USAGE)
+            fail(f"{flag} is {given!r}; it must be a positive number, or NAME=NUMBER", WRONG_USAGE)
         stated[name if separator else None] = number
     return stated
 

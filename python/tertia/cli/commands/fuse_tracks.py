@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
@@ -14,6 +13,7 @@ from tertia.cli.terminal.options import (
     SensorFile,
     column_names,
     input_files,
+    option,
 )
 from tertia.cli.terminal.say import print_table, working
 from tertia.tables._fuse_tracks import fused_tracks
@@ -38,14 +38,12 @@ def fuse_tracks(
     flat: Flat = False,
     column: ColumnNames = None,
     method: Annotated[
-        TrackMethod, typer.Option(help="Method by which the tracks of one target are fused.")
+        TrackMethod, option("Method by which the tracks of one target are fused.")
     ] = "tracklets",
     registration: Annotated[
-        bool | None, typer.Option(help="Estimate the systematic errors of the sensors.")
+        bool | None, option("Estimate the systematic errors of the sensors.")
     ] = None,
-    update_interval: Annotated[
-        float, typer.Option(metavar="S", help="Seconds between pictures.")
-    ] = 5.0,
+    update_interval: Annotated[float, option("Seconds between pictures.", metavar="S")] = 5.0,
     output: Output = None,
 ) -> dict[str, Any]:
     """Fuse the tracks of several sensors that belong to one target into one track.

@@ -25,6 +25,7 @@ from tertia.cli.terminal.options import (
     Threads,
     WindSigma,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import FAILED, working
 from tertia.location import LIGHT, Location, LocationMethod
@@ -61,78 +62,72 @@ def locate(
     by: By = None,
     form: Annotated[
         Literal["table", "krakensdr"],
-        typer.Option(
-            "--format", help="Format of the files; krakensdr: recordings of the KrakenSDR app."
-        ),
+        option("Format of the files; krakensdr: recordings of the KrakenSDR app.", "--format"),
     ] = "table",
     tolerance: Annotated[
         float,
-        typer.Option(
+        option(
+            "Seconds within which measurements form an instant; inf: one position per target.",
             metavar="SECONDS",
-            help="Seconds within which measurements form an instant; inf: one position per target.",
         ),
     ] = 0.0,
-    method: Annotated[LocationMethod, typer.Option(help="Estimator of the position.")] = "robust",
+    method: Annotated[LocationMethod, option("Estimator of the position.")] = "robust",
     max_range: Annotated[
         float | None,
-        typer.Option(
-            metavar="METRES", help="For posterior: largest distance of a target in metres."
-        ),
+        option("For posterior: largest distance of a target in metres.", metavar="METRES"),
     ] = None,
     pooled: Annotated[
         bool,
-        typer.Option(
+        option(
+            "Only the ratios of the sigmas are known: estimate one factor for all instants.",
             "--pooled",
-            help="Only the ratios of the sigmas are known: estimate one factor for all instants.",
         ),
     ] = False,
     redundancy: Annotated[
         int | None,
-        typer.Option(
+        option(
+            "Degrees of freedom needed for an outlier search; by default 3 (arrivals: 2).",
             metavar="N",
-            help="Degrees of freedom needed for an outlier search; by default 3 (arrivals: 2).",
         ),
     ] = None,
     range_difference_correlation: Annotated[
         float,
-        typer.Option(
+        option(
+            "Correlation of the errors of range differences; 0.5: equally accurate sensors.",
             metavar="R",
-            help="Correlation of the errors of range differences; 0.5: equally accurate sensors.",
         ),
     ] = 0.5,
     propagation_speed: PropagationSpeed = LIGHT,
     propagation_speed_sigma: PropagationSpeedSigma = None,
     wind_sigma: WindSigma = 0.0,
     multipath: Annotated[
-        bool, typer.Option(help="Assume that outliers of arrival times are mostly late.")
+        bool, option("Assume that outliers of arrival times are mostly late.")
     ] = True,
     height: Annotated[
         float | None,
-        typer.Option(
-            help="Height of all targets in metres, if the sensors have heights; on the earth, "
+        option(
+            "Height of all targets in metres, if the sensors have heights; on the earth, "
             "above the ellipsoid."
         ),
     ] = None,
     height_sigma: Annotated[
-        float | None, typer.Option(help="Standard deviation of the height in metres.")
+        float | None, option("Standard deviation of the height in metres.")
     ] = None,
     initial: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "A position near the target in metres, if several fit the measurements.",
             metavar="EAST,NORTH[,UP]",
-            help="A position near the target in metres, if several fit the measurements.",
         ),
     ] = None,
     probability: Annotated[
         float | None,
-        typer.Option(
-            metavar="P",
-            help="Write regions with this probability: area, axes, CEP; on maps, outlines.",
+        option(
+            "Write regions with this probability: area, axes, CEP; on maps, outlines.", metavar="P"
         ),
     ] = None,
     risk: Annotated[
-        float | None,
-        typer.Option(metavar="P", help="Write protection levels with this risk."),
+        float | None, option("Write protection levels with this risk.", metavar="P")
     ] = None,
     n_threads: Threads = None,
     output: MapOutput = None,

@@ -21,6 +21,7 @@ from tertia.cli.terminal.options import (
     Threads,
     WindSigma,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, working
 from tertia.location import LIGHT
@@ -47,31 +48,22 @@ def reconstruct(
     column: ColumnNames = None,
     by: By = None,
     tolerance: Annotated[
-        float,
-        typer.Option(metavar="SECONDS", help="Seconds within which measurements form an instant."),
+        float, option("Seconds within which measurements form an instant.", metavar="SECONDS")
     ] = 0.0,
-    spatial: Annotated[
-        Spatial, typer.Option(help="Estimator of the position at an instant.")
-    ] = "robust",
+    spatial: Annotated[Spatial, option("Estimator of the position at an instant.")] = "robust",
     order: Annotated[
-        Order, typer.Option(help="Whether to locate or to smooth over time first.")
+        Order, option("Whether to locate or to smooth over time first.")
     ] = "spatial-first",
-    smoother: Annotated[Smoother, typer.Option(help="Smoother over time.")] = "rts",
-    window: Annotated[
-        int, typer.Option(help="Number of instants in a local polynomial, odd.")
-    ] = 13,
-    degree: Annotated[
-        str, typer.Option(help="Degree of the local polynomials, or adaptive.")
-    ] = "adaptive",
+    smoother: Annotated[Smoother, option("Smoother over time.")] = "rts",
+    window: Annotated[int, option("Number of instants in a local polynomial, odd.")] = 13,
+    degree: Annotated[str, option("Degree of the local polynomials, or adaptive.")] = "adaptive",
     jerk: Annotated[
-        float | None,
-        typer.Option(help="Intensity of the white jerk for rts in m²/s⁵; by default estimated."),
+        float | None, option("Intensity of the white jerk for rts in m²/s⁵; by default estimated.")
     ] = None,
     bias: Annotated[
         str | None,
-        typer.Option(
-            metavar="KIND[,KIND]",
-            help="Kinds with unknown constant biases: range, azimuth, elevation.",
+        option(
+            "Kinds with unknown constant biases: range, azimuth, elevation.", metavar="KIND[,KIND]"
         ),
     ] = None,
     propagation_speed: PropagationSpeed = LIGHT,
@@ -79,20 +71,19 @@ def reconstruct(
     wind_sigma: WindSigma = 0.0,
     height: Annotated[
         float | None,
-        typer.Option(
-            help="Height of all targets in metres, if the sensors have heights; on the earth, "
+        option(
+            "Height of all targets in metres, if the sensors have heights; on the earth, "
             "above the ellipsoid. Heights that change are in the column target_height_m."
         ),
     ] = None,
     height_sigma: Annotated[
-        float | None,
-        typer.Option(help="Standard deviation of the heights in metres, if rows have no other."),
+        float | None, option("Standard deviation of the heights in metres, if rows have no other.")
     ] = None,
     initial: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "A position near the start of the path in metres, if two mirror images fit.",
             metavar="EAST,NORTH[,UP]",
-            help="A position near the start of the path in metres, if two mirror images fit.",
         ),
     ] = None,
     n_threads: Threads = None,

@@ -34,6 +34,7 @@ from tertia.cli.terminal.options import (
     UpdateInterval,
     column_names,
     input_file,
+    option,
     output_file,
     pair,
     switched,
@@ -72,8 +73,7 @@ def report(
     plans: PlanFile = None,
     truth: Annotated[Path | None, input_file(TRUTH)] = None,
     bearings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Azimuths from the stations, as read by tertia locate."),
+        Path | None, option("Azimuths from the stations, as read by tertia locate.", metavar="FILE")
     ] = None,
     by: By = None,
     origin: Origin = None,

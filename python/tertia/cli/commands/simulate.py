@@ -13,7 +13,7 @@ from tertia import simulate as simulated
 from tertia._result import counted
 from tertia._units import FLIGHT_LEVEL
 from tertia.cli.files import write
-from tertia.cli.terminal.options import pair
+from tertia.cli.terminal.options import option, pair
 from tertia.cli.terminal.say import WRONG_USAGE, fail, working
 from tertia.flightplan import FlightPlan
 from tertia.fusion import common_azimuth
@@ -39,28 +39,25 @@ def simulate(
         Path, typer.Argument(metavar="DIR", help="Folder for the files; it is created if missing.")
     ],
     *,
-    set_up: Annotated[SetUpName, typer.Option(help="Airspace and kind of radar.")] = "middle",
-    aircraft: Annotated[int, typer.Option(min=1, max=3000, help="Number of aircraft.")] = 24,
-    radar_count: Annotated[int, typer.Option(min=1, max=20, help="Number of radars.")] = 3,
-    station_count: Annotated[
-        int, typer.Option(min=3, max=20, help="Number of direction finders.")
-    ] = 4,
+    set_up: Annotated[SetUpName, option("Airspace and kind of radar.")] = "middle",
+    aircraft: Annotated[int, option("Number of aircraft.", min=1, max=3000)] = 24,
+    radar_count: Annotated[int, option("Number of radars.", min=1, max=20)] = 3,
+    station_count: Annotated[int, option("Number of direction finders.", min=3, max=20)] = 4,
     duration: Annotated[
-        float, typer.Option(min=60.0, max=86_400.0, help="Duration of the recording in seconds.")
+        float, option("Duration of the recording in seconds.", min=60.0, max=86_400.0)
     ] = 900.0,
     clutter: Annotated[
-        float, typer.Option(min=0.0, max=10_000.0, help="False plots per scan of a radar.")
+        float, option("False plots per scan of a radar.", min=0.0, max=10_000.0)
     ] = 3.0,
     origin: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "Position of the first radar in degrees; by default the earth is flat.",
             metavar="LAT,LON",
-            help="Position of the first radar in degrees; by default the earth is flat.",
         ),
     ] = None,
     seed: Annotated[
-        int,
-        typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files."),
+        int, option("Seed of the random numbers; the same seed gives the same files.", min=0)
     ] = 1,
 ) -> dict[str, Any]:
     """Simulate air traffic observed by radars, and emitters observed by direction finders.

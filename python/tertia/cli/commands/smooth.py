@@ -16,6 +16,7 @@ from tertia.cli.terminal.options import (
     Recordings,
     Threads,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._smooth import smoothing_of
@@ -32,50 +33,47 @@ def smooth(
     *,
     sigma: Annotated[
         list[str],
-        typer.Option(
-            metavar="NUMBER|COLUMN",
-            help="Standard deviation of the measurements, or a column with it; once for all "
+        option(
+            "Standard deviation of the measurements, or a column with it; once for all "
             "axes, or repeated for each.",
+            metavar="NUMBER|COLUMN",
         ),
     ],
     value: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Column of an axis; may be repeated. By default, east_m and north_m, or "
+        option(
+            "Column of an axis; may be repeated. By default, east_m and north_m, or "
             "latitude_deg and longitude_deg.",
+            metavar="COLUMN",
         ),
     ] = None,
     velocity: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Column of a measured velocity, repeated for each axis. By default, "
+        option(
+            "Column of a measured velocity, repeated for each axis. By default, "
             "velocity_east_m_s and velocity_north_m_s, or speed_m_s and course_deg.",
+            metavar="COLUMN",
         ),
     ] = None,
     velocity_sigma: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NUMBER|COLUMN",
-            help="Standard deviation of the velocities, or a column with it. Velocities are used "
+        option(
+            "Standard deviation of the velocities, or a column with it. Velocities are used "
             "only if it is given.",
+            metavar="NUMBER|COLUMN",
         ),
     ] = None,
     column: ColumnNames = None,
     by: By = None,
     correlation_time: Annotated[
-        float | None,
-        typer.Option(help="Correlation time of the noise in seconds; by default estimated."),
+        float | None, option("Correlation time of the noise in seconds; by default estimated.")
     ] = None,
     robust: Annotated[
-        bool, typer.Option(help="Whether to allow for outliers, jumps and larger noise.")
+        bool, option("Whether to allow for outliers, jumps and larger noise.")
     ] = True,
     jerk: Annotated[
         float | None,
-        typer.Option(
-            help="Intensity of the white jerk; by default, each track's motion is estimated."
-        ),
+        option("Intensity of the white jerk; by default, each track's motion is estimated."),
     ] = None,
     n_threads: Threads = None,
     output: Output = None,

@@ -18,6 +18,7 @@ from tertia.cli.terminal.options import (
     SensorFile,
     Threads,
     column_names,
+    option,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note, working
 from tertia.tables._smooth_tracks import Smoothing, smoothing_of
@@ -40,15 +41,11 @@ def smooth_tracks(
     sensors: SensorFile,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[
-        Literal["imm", "cv"], typer.Option(help="Motion model of the targets.")
-    ] = "imm",
+    motion: Annotated[Literal["imm", "cv"], option("Motion model of the targets.")] = "imm",
     every: Annotated[
-        float | None, typer.Option(help="Interval of additional rows between plots, in seconds.")
+        float | None, option("Interval of additional rows between plots, in seconds.")
     ] = None,
-    exclude: Annotated[
-        str | None, typer.Option(help="Name of a sensor whose plots are not used.")
-    ] = None,
+    exclude: Annotated[str | None, option("Name of a sensor whose plots are not used.")] = None,
     clock_period: ClockPeriod = None,
     n_threads: Threads = None,
     output: Output = None,

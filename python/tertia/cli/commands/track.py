@@ -28,6 +28,7 @@ from tertia.cli.terminal.options import (
     SensorFile,
     Threads,
     column_names,
+    option,
     pair,
     switched,
 )
@@ -70,49 +71,40 @@ def track(
     column: ColumnNames = None,
     motion: MotionModel = "imm",
     association: Annotated[
-        AssociationName,
-        typer.Option(help="How plots are assigned to tracks; mht: with several hypotheses."),
+        AssociationName, option("How plots are assigned to tracks; mht: with several hypotheses.")
     ] = "gnn",
-    flown_probability: Annotated[
-        float, typer.Option(help="Probability that a planned turn is flown.")
-    ] = 0.8,
+    flown_probability: Annotated[float, option("Probability that a planned turn is flown.")] = 0.8,
     wind: Annotated[
-        str,
-        typer.Option(metavar="EAST,NORTH", help="Velocity of the air to the east and north, m/s."),
+        str, option("Velocity of the air to the east and north, m/s.", metavar="EAST,NORTH")
     ] = "0,0",
-    wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
+    wind_sigma: Annotated[float, option("Sigma of the wind in m/s.")] = 20.0,
     initiation: Annotated[
-        bool, typer.Option(help="Expect new targets where flights without a track are due.")
+        bool, option("Expect new targets where flights without a track are due.")
     ] = False,
     confirmation: Annotated[
-        str,
-        typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
+        str, option("M plots in N scans confirm a track.", metavar="M,N")
     ] = "3,4",
     coasting: Annotated[
-        int, typer.Option(help="Number of scans without a plot after which a track ends.")
+        int, option("Number of scans without a plot after which a track ends.")
     ] = 5,
     clutter_density: Annotated[
-        float | None,
-        typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
+        float | None, option("False plots per m² and scan; by default estimated from the plots.")
     ] = None,
     profile: Profile = "aircraft",
     max_speed: Annotated[
         float | None,
-        typer.Option(
-            help="Largest speed of a target in m/s; by default, the largest speed of the profile."
-        ),
+        option("Largest speed of a target in m/s; by default, the largest speed of the profile."),
     ] = None,
     gate_probability: Annotated[
-        float, typer.Option(help="Probability that a target's plot is within its gate.")
+        float, option("Probability that a target's plot is within its gate.")
     ] = 0.998,
     identity_error_probability: Annotated[
-        float,
-        typer.Option(help="Probability that an identity is wrong; use 1e-9 for MMSI of vessels."),
+        float, option("Probability that an identity is wrong; use 1e-9 for MMSI of vessels.")
     ] = 1e-3,
     lag: Annotated[
         float,
-        typer.Option(
-            help="Seconds by which plots of a stream may be late; rows are written at once, and "
+        option(
+            "Seconds by which plots of a stream may be late; rows are written at once, and "
             "may be replaced until they are final."
         ),
     ] = 0.0,
@@ -120,47 +112,44 @@ def track(
     registration: RegistrationSwitch = None,
     trusted: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A radar without systematic errors; may be repeated."),
+        option("A radar without systematic errors; may be repeated.", metavar="NAME"),
     ] = None,
     n_threads: Threads = None,
     output: MapOutput = None,
     plot_file: PlotFile = None,
     stream: Annotated[
         bool,
-        typer.Option(
-            "--stream",
-            help="Track plots as they arrive, as lines of CSV or JSON on standard input or in one "
+        option(
+            "Track plots as they arrive, as lines of CSV or JSON on standard input or in one "
             "file; write rows of confirmed tracks to standard output.",
+            "--stream",
         ),
     ] = False,
     control: Annotated[
-        bool,
-        typer.Option("--control", help="Execute control lines in the stream, such as add_plan."),
+        bool, option("Execute control lines in the stream, such as add_plan.", "--control")
     ] = False,
     latency: Annotated[
         float | None,
-        typer.Option(
-            help="Seconds for which a stream collects plots; by default a quarter of a scan."
-        ),
+        option("Seconds for which a stream collects plots; by default a quarter of a scan."),
     ] = None,
     udp: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "Track plots that arrive in ASTERIX by UDP, as with --stream, until Ctrl-C.",
             metavar="[GROUP:]PORT",
-            help="Track plots that arrive in ASTERIX by UDP, as with --stream, until Ctrl-C.",
         ),
     ] = None,
     send: Annotated[
         str | None,
-        typer.Option(
-            metavar="HOST:PORT",
-            help="Send the tracks of a stream by UDP in ASTERIX, category 62; by default, write "
+        option(
+            "Send the tracks of a stream by UDP in ASTERIX, category 62; by default, write "
             "them to standard output.",
+            metavar="HOST:PORT",
         ),
     ] = None,
     rows: Annotated[
         streams.Rows | None,
-        typer.Option(help="Format of the rows of a stream; by default the format of its input."),
+        option("Format of the rows of a stream; by default the format of its input."),
     ] = None,
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.

@@ -8,7 +8,7 @@ import typer
 
 from tertia import plot
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import ColumnNames, Output, Recording, column_names
+from tertia.cli.terminal.options import ColumnNames, Output, Recording, column_names, option
 from tertia.cli.terminal.say import print_table, working
 from tertia.tables._groups import column_name
 from tertia.tables._weights import weights_of
@@ -24,27 +24,20 @@ def weights(
     *,
     value: Annotated[
         list[str],
-        typer.Option(
-            metavar="COLUMN",
-            help="Column of a component of the measured quantity; may be repeated.",
+        option(
+            "Column of a component of the measured quantity; may be repeated.", metavar="COLUMN"
         ),
     ],
     column: ColumnNames = None,
     differences: Annotated[
         bool,
-        typer.Option(
-            "--differences",
-            help="Estimate noise from successive differences, if the quantity drifts.",
+        option(
+            "Estimate noise from successive differences, if the quantity drifts.", "--differences"
         ),
     ] = False,
-    loss: Annotated[
-        float, typer.Option(help="Loss for which to compute the number of measurements.")
-    ] = 0.05,
+    loss: Annotated[float, option("Loss for which to compute the number of measurements.")] = 0.05,
     bias_sigma: Annotated[
-        float,
-        typer.Option(
-            help="Sigma of the systematic error of each sensor, in the unit of the values."
-        ),
+        float, option("Sigma of the systematic error of each sensor, in the unit of the values.")
     ] = 0.0,
     output: Output = None,
 ) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import typer
 
 from tertia.cli.files.read import TIME_FORMAT
 from tertia.cli.terminal import settings
-from tertia.cli.terminal.options import input_file
+from tertia.cli.terminal.options import input_file, option
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
 from tertia.tables import ColumnError, RecordError, RecordWarning
 
@@ -28,19 +28,16 @@ _RESULTS = ("output", "plot_file", "measurements", "targets")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
 _Json = Annotated[
     bool,
-    typer.Option(
-        "--json", help="Print the results as JSON on stdout, and everything else on stderr."
-    ),
+    option("Print the results as JSON on stdout, and everything else on stderr.", "--json"),
 ]
 
 
 _TimeFormat = Annotated[
     str | None,
-    typer.Option(
+    option(
+        "Format of times, such as %d.%m.%Y %H:%M:%S; by default seconds, times of day or ISO 8601.",
         "--time-format",
         metavar="FORMAT",
-        help="Format of times, such as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
-        "ISO 8601.",
     ),
 ]
 _Settings = Annotated[

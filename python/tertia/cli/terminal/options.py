@@ -19,14 +19,19 @@ def input_files(metavar: str, text: str) -> Any:
     return typer.Argument(metavar=metavar, readable=False, help=text)
 
 
+def option(text: str, *names: str, metavar: str | None = None, **more: Any) -> Any:
+    """Return an option with this help; by default it has the name of the parameter."""
+    return typer.Option(*names, metavar=metavar, help=text, **more)
+
+
 def input_file(text: str, *names: str, **more: Any) -> Any:
     """Return an option for an input file; one that cannot be read is reported in one line."""
-    return typer.Option(*names, metavar="FILE", readable=False, help=text, **more)
+    return option(text, *names, metavar="FILE", readable=False, **more)
 
 
 def output_file(text: str, *names: str) -> Any:
     """Return an option for an output file."""
-    return typer.Option(*names, metavar="FILE", help=text)
+    return option(text, *names, metavar="FILE")
 
 
 Recording: TypeAlias = Annotated[Path, input_files("FILE", f"Measurements: {_TABLES}.")]
@@ -64,74 +69,71 @@ LimitFile: TypeAlias = Annotated[
 TRUTH = "Truth: a table of time_s, target, east_m, north_m, or ASTERIX."
 By: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(metavar="COLUMN", help="Column whose values group the rows; may be repeated."),
+    option("Column whose values group the rows; may be repeated.", metavar="COLUMN"),
 ]
 ColumnNames: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
+        "Standard name of a column, and its name in the files; may be repeated.",
         "--column",
         metavar="NAME=COLUMN",
-        help="Standard name of a column, and its name in the files; may be repeated.",
     ),
 ]
 Value: TypeAlias = Annotated[
-    str, typer.Option("--value", metavar="COLUMN", help="Column of the measurements.")
+    str, option("Column of the measurements.", "--value", metavar="COLUMN")
 ]
-Period: TypeAlias = Annotated[float, typer.Option(help="Period of the measurements; 0: none.")]
+Period: TypeAlias = Annotated[float, option("Period of the measurements; 0: none.")]
 Origin: TypeAlias = Annotated[
     str | None,
-    typer.Option(
+    option(
+        "Origin of east and north in degrees; by default the origin of the sensors.",
         metavar="LAT,LON",
-        help="Origin of east and north in degrees; by default the origin of the sensors.",
     ),
 ]
 Flat: TypeAlias = Annotated[
     bool,
-    typer.Option(
-        "--flat",
-        help="Place radars with latitudes in the plane tangent to the earth at the origin.",
+    option(
+        "Place radars with latitudes in the plane tangent to the earth at the origin.", "--flat"
     ),
 ]
 Profile: TypeAlias = Annotated[
     ProfileName,
-    typer.Option(help="Kind of targets: sets their motion, largest speed and unknown heights."),
+    option("Kind of targets: sets their motion, largest speed and unknown heights."),
 ]
 ClockPeriod: TypeAlias = Annotated[
-    float | None, typer.Option(help="Seconds after which times restart from 0, such as 86400.")
+    float | None, option("Seconds after which times restart from 0, such as 86400.")
 ]
 RegistrationSwitch: TypeAlias = Annotated[
     Literal["on", "off"] | None,
-    typer.Option(
-        help="Estimate and subtract the systematic errors of the radars; by default if there are "
+    option(
+        "Estimate and subtract the systematic errors of the radars; by default if there are "
         "two radars or more."
     ),
 ]
 UpdateInterval: TypeAlias = Annotated[
     float | None,
-    typer.Option(
-        help="Required interval between updates in seconds; by default the interval of the fastest "
+    option(
+        "Required interval between updates in seconds; by default the interval of the fastest "
         "sensor."
     ),
 ]
 MaxDistance: TypeAlias = Annotated[
-    float, typer.Option(help="Largest distance in metres between a track and its target.")
+    float, option("Largest distance in metres between a track and its target.")
 ]
 PropagationSpeed: TypeAlias = Annotated[
-    float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
+    float, option("Speed of signals in m/s, for times of arrival.", metavar="M_S")
 ]
 PropagationSpeedSigma: TypeAlias = Annotated[
     float | None,
-    typer.Option(metavar="M_S", help="Sigma of the propagation speed, which is then estimated."),
+    option("Sigma of the propagation speed, which is then estimated.", metavar="M_S"),
 ]
 WindSigma: TypeAlias = Annotated[
     float,
-    typer.Option(
-        metavar="M_S", help="Sigma of each component of the wind, for times of arrival of sound."
-    ),
+    option("Sigma of each component of the wind, for times of arrival of sound.", metavar="M_S"),
 ]
-MotionModel: TypeAlias = Annotated[MotionName, typer.Option(help="Motion model of the targets.")]
+MotionModel: TypeAlias = Annotated[MotionName, option("Motion model of the targets.")]
 Threads: TypeAlias = Annotated[
-    int | None, typer.Option(min=1, help="Number of threads; by default all cores.")
+    int | None, option("Number of threads; by default all cores.", min=1)
 ]
 Output: TypeAlias = Annotated[
     Path | None, output_file(f"Write the result as {_WRITTEN}.", "--output")
@@ -152,7 +154,7 @@ PlotFile: TypeAlias = Annotated[
 
 
 def pair(
-    text: str | None, option: str, kind: Callable[[str], Number]
+    text: str | None, flag: str, kind: Callable[[str], Number]
 ) -> tuple[Number, Number] | None:
     """Return two numbers from text in which a comma separates them."""
     if text is None:
@@ -160,22 +162,22 @@ def pair(
     try:
         first, second = map(kind, text.split(","))
     except ValueError:
-        fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
+        fail(f"{flag} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
     return first, second
 
 
-def switched(option: Literal["on", "off"] | None) -> bool | None:
+def switched(state: Literal["on", "off"] | None) -> bool | None:
     """Return whether an option is on; None if it is not given."""
-    return None if option is None else option == "on"
+    return None if state is None else state == "on"
 
 
 def column_names(options: Sequence[str] | None) -> dict[str, str]:
     """Return the columns given by options NAME=COLUMN, by name."""
     columns: dict[str, str] = {}
-    for option in options or ():
-        name, _, column = option.partition("=")
+    for given in options or ():
+        name, _, column = given.partition("=")
         if not name or not column:
-            fail(f"--column is {option!r}; it must be NAME=COLUMN", WRONG_USAGE)
+            fail(f"--column is {given!r}; it must be NAME=COLUMN", WRONG_USAGE)
         if name in columns:
             way = "if its name differs between the files, rename the column in one of them"
             fail(f"--column gives {name} twice; {way}", WRONG_USAGE)
