@@ -13,6 +13,7 @@ import numpy as np
 from tertia._arrays import FloatArray, real
 from tertia.flightplan import FlightPlan
 from tertia.geo import LocalFrame, SystemPlane
+from tertia.io._route import read_csv
 
 __all__ = ["read_plans"]
 
@@ -216,14 +217,9 @@ def _of_feature(feature: Any, path: Path) -> dict[str, Any]:
 
 
 def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
-    try:
-        import polars as pl  # noqa: PLC0415  # only here is Polars needed
-    except ImportError as error:
-        raise ImportError("CSV needs Polars: pip install 'tertia[io]'") from error
-    try:
-        table = pl.read_csv(path, infer_schema=False, glob=False)
-    except pl.exceptions.PolarsError as error:
-        raise ValueError(f"cannot read {path}: {str(error).splitlines()[0]}") from None
+    table = read_csv(path, infer_schema=False)
+    import polars as pl  # noqa: PLC0415  # only here is Polars needed
+
     axes = next((pair for pair in (_LOCAL, _GEODETIC) if set(pair) <= set(table.columns)), None)
     if axes is None or "name" not in table.columns:
         raise ValueError(

@@ -320,7 +320,7 @@ def table_columns(
 ) -> dict[str, list[Any]] | None:
     """Return the columns of a table or CSV file by their names; None for another mapping."""
     if isinstance(table, (str, Path)):
-        table = _csv(table)
+        table = read_csv(table)
     there = getattr(table, "columns", None)
     if there is None:
         if isinstance(table, Mapping):
@@ -345,12 +345,13 @@ def _geojson(path: Path) -> Iterator[Sequence[Any]]:
         raise ValueError(f"cannot read {path}: {error}") from None
 
 
-def _csv(path: str | Path) -> Any:
+def read_csv(path: str | Path, **options: Any) -> Any:
+    """Return a CSV file as a table of Polars."""
     try:
         import polars as pl  # noqa: PLC0415  # only here is Polars needed
     except ImportError as error:
         raise ImportError("CSV needs Polars: pip install 'tertia[io]'") from error
     try:
-        return pl.read_csv(path, glob=False)
+        return pl.read_csv(path, glob=False, **options)
     except pl.exceptions.PolarsError as error:
         raise ValueError(f"cannot read {path}: {str(error).splitlines()[0]}") from None

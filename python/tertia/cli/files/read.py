@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +62,7 @@ def has_lines(path: Path) -> bool:
 
 def tables(*paths: Path) -> Source:
     """Return the tables in files."""
-    return _filled([_table(path) for path in paths], paths)
+    return _all(paths)
 
 
 def batches(
@@ -96,28 +96,25 @@ def batches(
 
 def plots(*paths: Path) -> Source:
     """Return the plots in files: tables, or recordings in ASTERIX."""
-    return _filled(
-        [asterix.plots(one) if kind_of(one) in asterix.SUFFIXES else _table(one) for one in paths],
-        paths,
-    )
+    return _all(paths, asterix.plots)
 
 
 def estimates(*paths: Path) -> Source:
     """Return estimates with their sigmas: tables, or system tracks in ASTERIX."""
-    return _filled(
-        [asterix.tracks(one) if kind_of(one) in asterix.SUFFIXES else _table(one) for one in paths],
-        paths,
-    )
+    return _all(paths, asterix.tracks)
 
 
 def truth(path: Path) -> Source:
     """Return the truth in a file: a table, or a recording in ASTERIX."""
-    found = asterix.truth(path) if kind_of(path) in asterix.SUFFIXES else _table(path)
-    return _filled([found], [path])
+    return _all([path], asterix.truth)
 
 
-def _filled(parts: list[Part], paths: Sequence[Path]) -> Source:
-    """Return the parts; exit with an error if no file has any rows."""
+def _all(paths: Sequence[Path], of_asterix: Callable[[Path], Part] | None = None) -> Source:
+    """Return the parts in files, at least one with rows; recordings in ASTERIX are converted."""
+    parts = [
+        of_asterix(one) if of_asterix and kind_of(one) in asterix.SUFFIXES else _table(one)
+        for one in paths
+    ]
     if not any(part.table.height for part in parts):
         listed = " and ".join(map(str, paths))
         fail(f"{listed} {'is' if len(paths) == 1 else 'are'} empty")
