@@ -22,6 +22,17 @@ import pytest
 from tolerances import VECTOR
 
 NAN, INF = np.nan, np.inf
+# the same numbers in other forms, for functions of arrays
+LAYOUTS = {
+    "columns": np.asfortranarray,
+    "strided": lambda y: np.repeat(y, 2, axis=-1)[..., ::2],
+    "reversed": lambda y: y[::-1].copy()[::-1],
+    "transposed": lambda y: np.ascontiguousarray(y.T).T,
+    "list": lambda y: y.tolist(),
+    "object": lambda y: y.astype(object),
+    "masked": np.ma.asarray,
+    "read-only": lambda y: np.frombuffer(y.tobytes()).reshape(y.shape),
+}
 
 
 def rng(*seed):

@@ -5,6 +5,7 @@ import numpy as np
 from studies.montecarlo import FloatArray, generator
 from studies.one_wrong import INSIDE
 from studies.pages import markdown, repetitions
+from studies.walkers import walk
 from tertia.location import Station
 from tertia.trajectory import reconstruct
 
@@ -17,20 +18,6 @@ PER_FACTOR = 25 / np.log(10)
 STRENGTHS = {"1.5 dB": (1.5, 0.0), "3 dB": (3.0, 0.0), "4 dB, lasting": (4.0, 0.7)}
 STATED = 3.0
 COUNTS = (4, 6, 10)
-
-
-def walked(rng: np.random.Generator) -> FloatArray:
-    """Return a walk through the room at 1 m/s that turns at the walls."""
-    course, place, way = rng.uniform(0, 2 * np.pi), ROOM / 2, []
-    for _ in TIMES:
-        course += 0.15 * rng.standard_normal()
-        ahead = place + np.array([np.sin(course), np.cos(course)])
-        if np.all((ahead > 0) & (ahead < ROOM)):
-            place = ahead
-        else:
-            course += np.pi / 2
-        way.append(place)
-    return np.array(way)
 
 
 def lasting(shape: tuple[int, int], correlation: float, rng: np.random.Generator) -> FloatArray:
@@ -46,7 +33,7 @@ def scene(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return places of beacons, a path, and the ranges by the strengths of its signals."""
     decibels, correlation = strengths
-    way = walked(rng)
+    way = walk(rng, len(TIMES), 1.0, ROOM)
     turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     directions = np.column_stack([np.sin(turn), np.cos(turn)])
     places = ROOM / 2 * (1 + rng.uniform(0.5, 1.0, (count, 1)) * directions)

@@ -7,6 +7,7 @@ import numpy as np
 from studies.montecarlo import FloatArray, generator
 from studies.one_wrong import INSIDE
 from studies.pages import markdown, repetitions
+from studies.walkers import walk
 from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
@@ -24,15 +25,7 @@ INSIDE_OF_ONE = 3.841
 
 def walked(speed: float, height: tuple[float, float], rng: np.random.Generator) -> FloatArray:
     """Return a walk that turns at the walls."""
-    course, place, way = rng.uniform(0, 2 * np.pi), ROOM / 2, []
-    for _ in range(COUNT):
-        course += 0.3 * np.sqrt(STEP) * rng.standard_normal()
-        ahead = place + speed * STEP * np.array([np.sin(course), np.cos(course)])
-        if np.all((ahead > 0) & (ahead < ROOM)):
-            place = ahead
-        else:
-            course += np.pi / 2
-        way.append(place)
+    way = walk(rng, COUNT, speed * STEP, ROOM, bend=0.3 * np.sqrt(STEP))
     amplitude, period = height
     up = 1.2 + amplitude * np.sin(2 * np.pi * STEP * np.arange(COUNT) / period)
     return np.column_stack([way, up])

@@ -58,6 +58,22 @@ class Walker:
         return np.array(states)
 
 
+def walk(
+    rng: np.random.Generator, count: int, step: float, room: FloatArray, bend: float = 0.15
+) -> FloatArray:
+    """Return a walk, (count, 2), from the middle of a room, that turns at the walls."""
+    course, place, way = rng.uniform(0, 2 * np.pi), room / 2, []
+    for _ in range(count):
+        course += bend * rng.standard_normal()
+        ahead = place + step * np.array([np.sin(course), np.cos(course)])
+        if np.all((ahead > 0) & (ahead < room)):
+            place = ahead
+        else:
+            course += np.pi / 2
+        way.append(place)
+    return np.array(way)
+
+
 def inside(error: FloatArray, covariance: FloatArray) -> BoolArray:
     """Return whether the 95 % regions contain the true values."""
     return np.asarray(metrics.nees(error, covariance)) < LIMIT

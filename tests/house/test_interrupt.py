@@ -117,24 +117,18 @@ z = np.cumsum(rng.normal(0.0, 0.01, len(time))) + rng.normal(0.0, 3.0, len(time)
 ready()
 fit_noise(z, time=time)
 """,
-    "conformance": """
-from tertia.flightplan import FlightPlan, conformance
+    **{
+        name: f"""
+from tertia.flightplan import FlightPlan, {name}
 way = np.cumsum(np.stack([np.full(2000, 1500.0), np.tile([3e3, -3e3], 1000)], -1), axis=0)
 plan = FlightPlan(way, 200.0)
 time = np.linspace(0.0, 5000.0, 200_000)
 position, velocity = plan.at(time)
 ready()
-conformance(plan, time, position + [0.0, 5e4], velocity, update_interval=4.0)
-""",
-    "estimate_times_over": """
-from tertia.flightplan import FlightPlan, estimate_times_over
-way = np.cumsum(np.stack([np.full(2000, 1500.0), np.tile([3e3, -3e3], 1000)], -1), axis=0)
-plan = FlightPlan(way, 200.0)
-time = np.linspace(0.0, 5000.0, 200_000)
-position, velocity = plan.at(time)
-ready()
-estimate_times_over(plan, time, position + [0.0, 5e4], velocity, update_interval=4.0)
-""",
+{name}(plan, time, position + [0.0, 5e4], velocity, update_interval=4.0)
+"""
+        for name in ("conformance", "estimate_times_over")
+    },
     "associate": """
 from tertia.association import associate
 n = 3000

@@ -27,10 +27,17 @@ class TestConsistency:
         """That all of so many tests hold."""
         return metrics.consistency_bounds(count, dimension, 1 - CHANCE / tests)
 
-    def test_filter(self, run):
+    @pytest.mark.parametrize(
+        ("method", "steps"),
+        [
+            (filter_series, [1, 2, 4, 10, 22, 40, 59]),
+            (smooth_series, [0, 1, 3, 10, 21, 40, 59]),
+        ],
+        ids=["filter", "smoother"],
+    )
+    def test_states(self, run, method, steps):
         model, truth, z = run
-        result = filter_series(z, R, model)
-        steps = [1, 2, 4, 10, 22, 40, 59]
+        result = method(z, R, model)
         error = (result.mean - truth)[:, steps]
         low, high = self.bounds(len(steps))
         squares = np.mean(metrics.nees(error, result.covariance[:, steps]), axis=0)
@@ -38,18 +45,6 @@ class TestConsistency:
         # and it would show if they were not
         assert not low < np.mean(metrics.nees(error, 0.9 * result.covariance[:, steps])) < high
         # each component by itself
-        low, high = self.bounds(3 * len(steps), 1)
-        parts = np.mean((error / result.sigma[:, steps]) ** 2, axis=0)
-        assert np.all((parts > low) & (parts < high))
-
-    def test_smoother(self, run):
-        model, truth, z = run
-        result = smooth_series(z, R, model)
-        steps = [0, 1, 3, 10, 21, 40, 59]
-        error = (result.mean - truth)[:, steps]
-        low, high = self.bounds(len(steps))
-        squares = np.mean(metrics.nees(error, result.covariance[:, steps]), axis=0)
-        assert np.all((squares > low) & (squares < high))
         low, high = self.bounds(3 * len(steps), 1)
         parts = np.mean((error / result.sigma[:, steps]) ** 2, axis=0)
         assert np.all((parts > low) & (parts < high))

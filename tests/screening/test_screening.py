@@ -2,6 +2,7 @@ import numpy as np
 import polars as pl
 import pytest
 from checks import (
+    LAYOUTS,
     assert_batch_is_loop,
     assert_refused,
     assert_result,
@@ -531,20 +532,7 @@ class TestEveryFunction:
         assert_batch_is_loop(FUNCTIONS[name], y)
         assert_batch_is_loop(FUNCTIONS[name], y[0])
 
-    @pytest.mark.parametrize(
-        "lay_out",
-        [
-            np.asfortranarray,
-            lambda y: np.repeat(y, 2, axis=-1)[..., ::2],
-            lambda y: y[::-1].copy()[::-1],
-            lambda y: np.ascontiguousarray(y.T).T,
-            lambda y: y.tolist(),
-            lambda y: y.astype(object),
-            np.ma.asarray,
-            lambda y: np.frombuffer(y.tobytes()).reshape(y.shape),  # read-only
-        ],
-        ids=["columns", "strided", "reversed", "transposed", "list", "object", "masked", "bytes"],
-    )
+    @pytest.mark.parametrize("lay_out", LAYOUTS.values(), ids=LAYOUTS)
     def test_layout_does_not_matter(self, name, lay_out):
         function = FUNCTIONS[name]
         y = rng(2).normal(size=(6, 30)) * 3

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from trajectory.scenes import walk
 
 from tertia._arrays import FloatArray
 from tertia.sensors import Station
@@ -12,24 +13,10 @@ TIMES = STEP * np.arange(150)
 ROOM = np.array([20.0, 20.0])
 
 
-def walked(rng: np.random.Generator, up: FloatArray) -> FloatArray:
-    """Return a walk at 1 m/s that turns at the walls, at these heights."""
-    course, place, way = rng.uniform(0, 2 * np.pi), ROOM / 2, []
-    for _ in TIMES:
-        course += 0.15 * rng.standard_normal()
-        ahead = place + STEP * np.array([np.sin(course), np.cos(course)])
-        if np.all((ahead > 0) & (ahead < ROOM)):
-            place = ahead
-        else:
-            course += np.pi / 2
-        way.append(place)
-    return np.column_stack([way, up])
-
-
 def found(seed: int, up: FloatArray, **options: float) -> tuple[FloatArray, Trajectory]:
     """Return a walk below six stations at heights of up to 8 m, and its path from their ranges."""
     rng = np.random.default_rng([353, seed])
-    way = walked(rng, up)
+    way = np.column_stack([walk(rng, len(TIMES), STEP, ROOM), up])
     places = np.column_stack([rng.uniform(0, ROOM, (6, 2)), rng.uniform(3, 8, 6)])
     ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
     ranges += SIGMA * rng.standard_normal(ranges.shape)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from checks import assert_near, rng, transposed
+from checks import LAYOUTS, assert_near, rng, transposed
 from reference import weights as reference
 from weights.cases import covariances
 
@@ -151,20 +151,7 @@ class TestEveryPath:
         for place in np.ndindex(batch):
             np.testing.assert_array_equal(whole[place], function(s[place]))
 
-    @pytest.mark.parametrize(
-        "lay_out",
-        [
-            np.asfortranarray,
-            lambda s: np.repeat(s, 2, axis=-1)[..., ::2],
-            lambda s: s[::-1].copy()[::-1],
-            lambda s: np.ascontiguousarray(s.T).T,
-            lambda s: s.tolist(),
-            lambda s: s.astype(object),
-            np.ma.asarray,
-            lambda s: np.frombuffer(s.tobytes()).reshape(s.shape),
-        ],
-        ids=["columns", "strided", "reversed", "transposed", "list", "object", "masked", "bytes"],
-    )
+    @pytest.mark.parametrize("lay_out", LAYOUTS.values(), ids=LAYOUTS)
     def test_layout_does_not_matter(self, name, lay_out):
         function = PATHS[name][0]
         s = argument(name, seed=2, batch=(4,))
