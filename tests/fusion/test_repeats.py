@@ -127,5 +127,5 @@ def test_a_state_from_before_repetitions_were_sought():
     old = AngleFusion(MODEL, [SIGMA**2] * 2)
     old.__setstate__((lists[:-2], *rest))
     assert old.step([1.1, 1.3]) == centre.step([1.1, 1.3])
-    with pytest.raises(ValueError, match="not the state of a AngleFusion"):
+    with pytest.raises(ValueError, match="not the state of an AngleFusion"):
         old.__setstate__((lists[:-1], *rest))

@@ -269,7 +269,7 @@ impl AngleFusion {
 
     fn __setstate__(&mut self, saved: Saved) -> PyResult<()> {
         let (centre, (mean, covariance), reports) = saved;
-        let refuse = || PyValueError::new_err("this is not the state of a AngleFusion");
+        let refuse = || PyValueError::new_err("this is not the state of an AngleFusion");
         if reports.len() != self.reports.len() {
             return Err(refuse());
         }
