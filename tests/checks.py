@@ -76,11 +76,11 @@ def fields(result):
     return {"": result}
 
 
-def assert_same(found, expected, names=None):
-    """To the last bit, in all fields or those named; where a result holds others, in theirs."""
+def assert_same(found, expected):
+    """To the last bit, in all fields; where a result holds others, in theirs."""
     a, b = fields(found), fields(expected)
     assert a.keys() == b.keys()
-    for name in a if names is None else names:
+    for name in a:
         if dataclasses.is_dataclass(a[name]) or isinstance(a[name], (tuple, dict)):
             assert_same(a[name], b[name])
         else:
@@ -124,23 +124,23 @@ def assert_covariance(matrix, rounding=1e-13):
     assert np.linalg.eigvalsh(scaled).min(initial=INF) > -rounding * matrix.shape[-1]
 
 
-def assert_batch_is_loop(function, *batched, names=None):
+def assert_batch_is_loop(function, *batched):
     """`function(*batched)`, where each argument has one more leading axis than it needs."""
     together = fields(function(*batched))
     for i, parts in enumerate(zip(*batched, strict=True)):
         alone = fields(function(*parts))
         assert together.keys() == alone.keys()
-        for name in together if names is None else names:
+        for name in together:
             # what is one for all: a word, None, a number that depends on sizes alone
             found = together[name] if np.ndim(together[name]) == 0 else together[name][i]
             np.testing.assert_array_equal(found, alone[name], err_msg=f"{name}[{i}]")
 
 
-def assert_threads(function, names=None):
+def assert_threads(function):
     """`function(n_threads=...)`."""
     alone = function(n_threads=1)
     for n_threads in (2, 3, 8, None):
-        assert_same(function(n_threads=n_threads), alone, names)
+        assert_same(function(n_threads=n_threads), alone)
 
 
 def assert_refused(call, error, text):

@@ -530,13 +530,12 @@ def textbook(
     start: FloatArray,
     form: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
     mixed: bool = False,
-    model: SingerModel = MODEL,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gains of the filter and its last covariance, with P⁻ as `form` has it of F, P, Q.
 
     `mixed`: (20) with the element 22 in the place 12.
     """
-    f, q = model.transition(), model.process_noise()
+    f, q = MODEL.transition(), MODEL.process_noise()
     p, gains = start, []
     for step in range(steps):
         prior = p if step == 0 else form(f, p, q)

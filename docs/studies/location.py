@@ -307,10 +307,13 @@ def lenth() -> str:
     return markdown(["bearings", "method", "published", "found", "faults"], rows)
 
 
-def picture_stations(names: Sequence[str] = "ABCDEF") -> list[Station]:
+def picture_stations() -> list[Station]:
     """Return direction finders with names."""
     sigma = np.radians(2.0)
-    return [Station(p, azimuth_sigma=sigma, name=n) for p, n in zip(FINDERS, names, strict=False)]
+    return [
+        Station(place, azimuth_sigma=sigma, name=name)
+        for place, name in zip(FINDERS, "ABCDEF", strict=False)
+    ]
 
 
 def fix_figure() -> Figure:

@@ -198,9 +198,9 @@ def test_a_plan_taken_by_hand_is_not_found_again():
     assert tracker.update(plots[[40]]).plan[-1] == 0
 
 
-def two_tracks(plan, n=40):
+def two_tracks(plan):
     """Plots of a flight along a plan, and of one elsewhere."""
-    one, other = flight(plan, n), line(n)
+    one, other = flight(plan, 40), line(40)
     both = {
         name: np.stack([getattr(one, name), getattr(other, name)], axis=1).ravel()
         for name in ("time", "range", "azimuth")

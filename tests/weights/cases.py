@@ -42,11 +42,10 @@ def mean_and_error(values):
     return values.mean(axis=0), values.std(axis=0) / np.sqrt(len(values))
 
 
-def assert_same_covariance(found, expected, tolerance=INVERSES):
+def assert_same_covariance(found, expected):
     """Relative to the standard deviations."""
     sigma = np.sqrt(diagonal(expected))
-    scale = sigma[..., :, None] * sigma[..., None, :]
-    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=tolerance)
+    checks.assert_near(found, expected, INVERSES, sigma[..., :, None] * sigma[..., None, :])
 
 
 def assert_is_covariance(matrix):

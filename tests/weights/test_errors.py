@@ -13,9 +13,9 @@ ASYMMETRIC = [[4.0, 1.0], [0.9, 2.0]]
 NO_VARIANCE = [[0.0, 0.0], [0.0, 1.0]]
 
 
-def batch_with(matrix, place=(3, 1), m=2):
-    """Good covariances (4, 2, m, m), but for one."""
-    s = np.tile(np.eye(m), (4, 2, 1, 1))
+def batch_with(matrix, place=(3, 1)):
+    """Good covariances (4, 2, 2, 2), but for one."""
+    s = np.tile(np.eye(2), (4, 2, 1, 1))
     s[place] = matrix
     return s
 

@@ -497,8 +497,8 @@ def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame
     return LocalFrame(*origin)
 
 
-def _local(frame: Any, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
-    latitude, longitude, height = (rows[f"{prefix}{name}"].to_numpy() for name in GEODETIC)
+def _local(frame: Any, rows: pl.DataFrame) -> FloatArray:
+    latitude, longitude, height = (rows[name].to_numpy() for name in GEODETIC)
     local: FloatArray = frame.to_local(latitude, longitude, np.nan_to_num(height))
     return local
 

@@ -217,8 +217,8 @@ def with_others(
     position_sensors: Sequence[Row],
     stations: Sequence[Row],
     *,
-    origin: Row | None = None,
-    file: str = "the table",
+    origin: Row | None,
+    file: str,
 ) -> Sensors[Any]:
     """Return radars, if there are any, and other sensors that rows describe.
 

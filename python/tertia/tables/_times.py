@@ -113,7 +113,7 @@ def across_midnight(seconds: FloatArray, *, ordered: bool) -> FloatArray | None:
     return found if near or steady else None
 
 
-def in_format(column: pl.Series, form: str, unit: Unit = "us") -> pl.Series:
+def in_format(column: pl.Series, form: str, unit: Unit) -> pl.Series:
     """Return times in a format of strftime; without a date, as seconds of the day.
 
     Null if a text does not have this format.

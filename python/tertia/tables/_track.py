@@ -272,7 +272,7 @@ def track(
 def recording_of(
     source: Source,
     sensors: SensorsLike,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None,
 ) -> Recording:
     """Return the plots of a table or of files."""
     radars: Sensors[Any] = sensors_of(sensors)
