@@ -82,6 +82,14 @@ def site(name: str, latitude: float, longitude: float, **more: float) -> Row:
     return {"name": name, "latitude_deg": latitude, "longitude_deg": longitude, **more}
 
 
+def measured(azimuth: Floats, sigma: float, share: float, rng: Rng) -> Floats:
+    """Return azimuths with errors; a share of them is wrong."""
+    angle = azimuth + rng.normal(0, sigma, len(azimuth))
+    wrong = rng.random(len(angle)) < share
+    angle[wrong] = rng.uniform(0, 360, wrong.sum())
+    return angle % 360
+
+
 def bearings(folder: Path, rng: Rng) -> None:
     """Write an hour of bearings of one emitter; a fifth are wrong, the stations not synchronous."""
     stations = [
@@ -94,11 +102,9 @@ def bearings(folder: Path, rng: Rng) -> None:
     emitter, parts = np.array([[49.186, 16.612]]), []
     for one in stations:
         time = np.sort(rng.uniform(0, 3600, 300))
-        angle = azimuths(one["latitude_deg"], one["longitude_deg"], emitter)[0]
-        angle = angle + rng.normal(0, 3.0, 300)
-        wrong = rng.random(300) < 0.2
-        angle[wrong] = rng.uniform(0, 360, wrong.sum())
-        columns = {"time_s": dates(time), "sensor": one["name"], "azimuth_deg": angle % 360}
+        angle = azimuths(one["latitude_deg"], one["longitude_deg"], emitter)
+        angle = measured(np.repeat(angle, 300), 3.0, 0.2, rng)
+        columns = {"time_s": dates(time), "sensor": one["name"], "azimuth_deg": angle}
         parts.append(pl.DataFrame(columns))
     pl.concat(parts).sort("time_s").write_csv(folder / "bearings.csv", float_precision=1)
     truth = {"latitude_deg": emitter[:, 0], "longitude_deg": emitter[:, 1]}
@@ -118,12 +124,9 @@ def telemetry(folder: Path, rng: Rng) -> None:
     parts = []
     for k, one in enumerate(towers):
         # one after the other, within half a minute
-        angle = azimuths(one["latitude_deg"], one["longitude_deg"], way)
-        angle = angle + rng.normal(0, 4.0, len(time))
-        wrong = rng.random(len(time)) < 0.08
-        angle[wrong] = rng.uniform(0, 360, wrong.sum())
+        angle = measured(azimuths(one["latitude_deg"], one["longitude_deg"], way), 4.0, 0.08, rng)
         heard = time + 10.0 * k + rng.uniform(-3, 3, len(time))
-        columns = {"time_s": dates(heard), "sensor": one["name"], "azimuth_deg": angle % 360}
+        columns = {"time_s": dates(heard), "sensor": one["name"], "azimuth_deg": angle}
         parts.append(pl.DataFrame(columns))
     pl.concat(parts).sort("time_s").write_csv(folder / "bearings.csv", float_precision=1)
     truth = {"time_s": dates(time + 10.0), "latitude_deg": way[:, 0], "longitude_deg": way[:, 1]}
