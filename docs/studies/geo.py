@@ -189,10 +189,7 @@ def scene(seed: int, name: str) -> Scene:
             for radar, own in zip(earth, found.items, strict=True)
         ]
         azimuth = plots.azimuth + found.norths[plots.sensor]
-        plots = Plots(
-            plots.time, plots.range, azimuth, sensor=plots.sensor, height=plots.height,
-            identity=plots.identity,
-        )  # fmt: skip
+        plots = replace(plots, azimuth=azimuth)
     table = track(plots, [replace(one, bias=Bias()) for one in used], motion="cv")
     table = table[(table.plot >= 0) & (table.time > SETTLED)]
     flight = record.target[table.plot]

@@ -1,6 +1,7 @@
 """Several hypotheses of which plot is whose: where they help, and where they change nothing."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -200,16 +201,7 @@ def test_a_merged_plot_is_that_of_both_tracks(association):
 
 def test_a_radar_that_resolves_all_far_targets_changes_nothing():
     radar, _, seen = scene(3, n=10, clutter=0.0)
-    fine = Radar(
-        radar.position,
-        range_sigma=radar.range_sigma,
-        azimuth_sigma=radar.azimuth_sigma,
-        scan_period=radar.scan_period,
-        max_range=radar.max_range,
-        detection_probability=radar.detection_probability,
-        range_resolution=1.0,
-        azimuth_resolution=1e-5,
-    )
+    fine = replace(radar, range_resolution=1.0, azimuth_resolution=1e-5)
     one, two = (track(seen.plots, [own]) for own in (radar, fine))
     same(one, two)
 

@@ -1,6 +1,7 @@
 """Velocities that come with positions: in filters, in the choice of plots, and in first plots."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -154,10 +155,7 @@ def test_wrong_velocities_are_left_out_and_their_positions_are_not():
     velocity = plots.velocity.copy()
     wrong = random.random(len(plots)) < 0.1
     velocity[wrong] = random.uniform(-250.0, 250.0, (np.count_nonzero(wrong), 2))
-    spoilt = Plots(
-        plots.time, position=plots.position, covariance=plots.covariance,
-        velocity=velocity, velocity_covariance=plots.velocity_covariance,
-    )  # fmt: skip
+    spoilt = replace(plots, velocity=velocity)
     table = track(spoilt, [sensor], motion=CvModel(SIGMA))
     assert len(np.unique(table.track)) <= 21
     error, square = judged(traffic, table, target)
@@ -175,10 +173,7 @@ def test_wrong_velocities_are_left_out_and_their_positions_are_not():
 @pytest.mark.parametrize("wrong", [-1.0, 0.5])
 def test_a_sensor_whose_velocities_are_all_wrong_has_the_tracks_of_its_positions(wrong):
     traffic, sensor, plots, target = scene(5)
-    spoilt = Plots(
-        plots.time, position=plots.position, covariance=plots.covariance,
-        velocity=wrong * plots.velocity, velocity_covariance=plots.velocity_covariance,
-    )  # fmt: skip
+    spoilt = replace(plots, velocity=wrong * plots.velocity)
     table = track(spoilt, [sensor], motion=CvModel(SIGMA))
     assert len(np.unique(table.track)) <= 22
     error, _ = judged(traffic, table, target)

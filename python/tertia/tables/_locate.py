@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
+from tertia.sensors._kinds import STATION_KINDS
 from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._doubts import doubt
@@ -46,6 +48,7 @@ from tertia.tables._times import Clock
 _ROUNDS = 2
 # groups of one instant each above which a common estimate is missed
 _FEW = 10
+_NO_SIGMAS: dict[str, Any] = {f"{kind}_sigma": None for kind in (*STATION_KINDS, "arrival_time")}
 
 
 def locate(
@@ -257,16 +260,7 @@ def _locate(
         raise RecordError(f"{target.name}: there are no measurements")
     sigmas = target.all_sigmas(target.sensors, optional=True)
     # stations without sigmas, which are passed separately
-    bare = [
-        Station(
-            one.position,
-            name=one.name,
-            axes=one.axes,
-            bias=one.bias,
-            position_sigma=one.position_sigma,
-        )
-        for one in target.sensors.items
-    ]
+    bare = [replace(one, **_NO_SIGMAS) for one in target.sensors.items]
     stated = {str(kind): taken(kind, sigma) for kind, sigma in sigmas.items()}
 
     def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Location:

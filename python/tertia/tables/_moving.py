@@ -125,7 +125,8 @@ def stations_of(
         last = _last(step[there & (site == k)], step[site == k], count)
         position[:, k], axes[:, k] = position[last, k], axes[last, k]
     items = [
-        _moved(sensors.items[which], position[:, k], axes[:, k]) for k, which in enumerate(like)
+        replace(sensors.items[which], position=position[:, k], axes=axes[:, k])
+        for k, which in enumerate(like)
     ]
     return replace(
         sensors,
@@ -144,17 +145,3 @@ def _last(known: IntArray, seen: IntArray, count: int) -> IntArray:
     last = own[np.maximum(np.searchsorted(own, np.arange(count), side="right") - 1, 0)]
     last[seen] = seen
     return last
-
-
-def _moved(one: Station, position: FloatArray, axes: FloatArray) -> Station:
-    return Station(
-        position,
-        range_sigma=one.range_sigma,
-        azimuth_sigma=one.azimuth_sigma,
-        elevation_sigma=one.elevation_sigma,
-        arrival_time_sigma=one.arrival_time_sigma,
-        position_sigma=one.position_sigma,
-        bias=one.bias,
-        axes=axes,
-        name=one.name,
-    )
