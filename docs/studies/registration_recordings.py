@@ -99,7 +99,7 @@ def _alone(name: str, record: Recording, radar: Radar) -> list[str]:
     plots = record.plots()
     found = register(plots, [radar])
     cells = [_told(found, kind, 0) for kind in ("azimuth", "range")]
-    return [name, "one radar", *cells, _observable(found), *_counts(record, plots, [radar], found)]
+    return [name, "one radar", *cells, _observable(found), *_counts(record, plots, [radar])]
 
 
 def _divided(record: Recording) -> Iterable[list[str]]:
@@ -122,7 +122,7 @@ def _divided(record: Recording) -> Iterable[list[str]]:
             f"{degrees}°, {metres:g} m",
             *cells,
             _observable(found),
-            *_counts(moved, plots, radars, found),
+            *_counts(moved, plots, radars),
         ]
 
 
@@ -146,7 +146,7 @@ def _observable(found: Registration) -> str:
     return ", ".join(names) or "none"
 
 
-def _counts(record: Recording, plots: Plots, radars: list[Radar], found: Registration) -> list[str]:
+def _counts(record: Recording, plots: Plots, radars: list[Radar]) -> list[str]:
     """Return aircraft and tracks of so many plots, as they are and with the errors taken out."""
     known = record.address[record.address >= 0]
     aircraft = np.unique(known, return_counts=True)[1]

@@ -208,7 +208,7 @@ def parts(kind: str) -> tuple[int, ...]:
     return STRAIGHT, *KINDS[kind]
 
 
-def right(kind: str, table: SmoothedTracks, of: Errors, part: int) -> float:
+def right(table: SmoothedTracks, of: Errors, part: int) -> float:
     """Return the share of instants at which the right model is the most probable."""
     turn, speed = table.turn_probability, table.speed_change_probability
     likeliest = np.argmax(np.stack([1.0 - turn - speed, turn, speed]), axis=0)
@@ -237,7 +237,7 @@ def accuracy() -> str:
                         f"{speeds[1] / speeds[0]:.2f}",
                         f"{after.nees(part):.2f}",
                         f"{after.nees(part, 'velocity_nees'):.2f}",
-                        f"{right(kind, table, after, part):.2f}",
+                        f"{right(table, after, part):.2f}",
                     ]
                 )
     head = [

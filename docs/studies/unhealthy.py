@@ -256,18 +256,18 @@ def arrived(
         found = tracker.update(scene.plots[order[given:until]], time=now)
         refused += int(np.sum(found.track_of_plot == PlotStatus.LATE))
         given = until
-        final += rows_of(found[found.final], scene, order)
+        final += rows_of(found[found.final], order)
         fresh = found[~found.final & found.confirmed & (found.plot >= 0)]
         fresh = fresh[fresh.time > now - 2.0]
         error = fresh.position - scene.truth[order[fresh.plot]]
         off.append(np.sum(error**2, axis=1))
-    final += rows_of(tracker.finish(), scene, order)
+    final += rows_of(tracker.finish(), order)
     squares = np.concatenate(off)
     squares = squares[np.isfinite(squares) & (squares < 1e6)]
     return final, float(np.sqrt(np.mean(squares))), refused
 
 
-def rows_of(found: TrackTable, scene: Scene, order: IntArray) -> list[FloatArray]:
+def rows_of(found: TrackTable, order: IntArray) -> list[FloatArray]:
     """Return what rows say, with plots by their place in the scene."""
     plot = np.where(found.plot >= 0, order[found.plot], -1)
     columns = [found.time, found.track, found.sensor, plot, *found.position.T, *found.velocity.T]

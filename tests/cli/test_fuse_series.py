@@ -370,7 +370,7 @@ def test_a_missing_plot_makes_a_time_of_the_track(write: Write, tmp_path: Path) 
     assert tables(run(*arguments).out)[0][1][1:4] == ["4", "2", "0"]
 
 
-def test_one_sensor_alone(write: Write, tmp_path: Path) -> None:
+def test_one_sensor_alone(write: Write) -> None:
     path = write([line for line in lines() if ",A," in line])
     done = run(path, "--sigma", 0.1, *MOTION)
     assert done.code == 0

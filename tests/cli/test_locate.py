@@ -995,7 +995,7 @@ def test_a_height_on_the_earth_is_above_the_ellipsoid(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("factor", "doubted"), [(1.0, False), (1e-3, True)])
 def test_ranges_are_judged_by_the_distances_of_the_stations(
-    factor: float, doubted: bool, write: Write, tmp_path: Path
+    factor: float, doubted: bool, write: Write
 ) -> None:
     """Ranges of some metres in a hall are no kilometres."""
     places = {"A": (0.0, 0.0), "B": (60.0, 0.0), "C": (0.0, 25.0), "D": (60.0, 25.0)}
@@ -1013,7 +1013,7 @@ def test_ranges_are_judged_by_the_distances_of_the_stations(
     assert ("are they kilometres" in done.err) == doubted
 
 
-def test_the_speed_of_sound_is_printed(write: Write, tmp_path: Path) -> None:
+def test_the_speed_of_sound_is_printed(write: Write) -> None:
     places = {"A": (0.0, 0.0), "B": (600.0, 0.0), "C": (0.0, 500.0), "D": (600.0, 500.0)}
     places |= {"E": (300.0, 800.0), "F": (-200.0, 250.0)}
     stations = write(

@@ -192,7 +192,7 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     check(frame, result)
 
 
-def test_plans_of_messages(write: Write, tmp_path: Path) -> None:
+def test_plans_of_messages(write: Write) -> None:
     """The same tracks as with the plans that the library reads of the messages."""
     sensors = write(
         [

@@ -292,7 +292,7 @@ def started(y, shape, side=1.0):
     return Modes(shape, d, t, share)
 
 
-def slow_noise(y, place, correlations):
+def slow_noise(y, correlations):
     """Gain in log evidence of noise beside white noise, variance of the mean over that, phi.
 
     `correlations`: shares of the noise, its correlation of any two values, and of successive ones.
@@ -319,7 +319,7 @@ def flicker(y, place):
     time = 4.0 ** np.arange(16)
     decay = np.exp(-1 / time[time <= 4 * length])
     pink = (decay ** lag[..., None]).mean(axis=-1)
-    return slow_noise(y, place, [(share, pink, decay.mean()) for share in (1 / 3, 2 / 3, 1.0)])
+    return slow_noise(y, [(share, pink, decay.mean()) for share in (1 / 3, 2 / 3, 1.0)])
 
 
 def gauss_markov(y, place):
@@ -328,7 +328,7 @@ def gauss_markov(y, place):
     time = 2.0 ** np.arange(1, 64)
     decay = np.exp(-1 / time[time <= 4 * length])
     shares = (0.2, 0.4, 0.6, 0.8)
-    return slow_noise(y, place, [(share, d**lag, d) for d in decay for share in shares])
+    return slow_noise(y, [(share, d**lag, d) for d in decay for share in shares])
 
 
 class Levels:

@@ -281,7 +281,7 @@ def test_bearings_alone(scene: Path, summary: dict[str, Any], tmp_path: Path) ->
     assert "player" not in html.split("</script>")[-2]
 
 
-def test_what_a_page_needs(tmp_path: Path) -> None:
+def test_what_a_page_needs() -> None:
     finders, emitter, _ = ship()
     with pytest.raises(ValueError, match="plots or bearings must be given"):
         report.make()

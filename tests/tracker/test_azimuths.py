@@ -52,7 +52,7 @@ def scene(seed, targets=4, frame=1.0, station=CAMERA, duration=120.0, place=None
     return plots, np.append(target, which), truth
 
 
-def in_order(plots, tracker, step=1.0):
+def in_order(plots, tracker):
     """Return the rows of plots that come one after the other in time."""
     times = np.unique(plots.time)
     return [tracker.update(plots[plots.time == time]) for time in times]
