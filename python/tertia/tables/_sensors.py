@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 # the cells of one sensor, by column
 Row: TypeAlias = Mapping[str, Any]
 S = TypeVar("S", Radar, Station)
+Made = TypeVar("Made", Radar, Station, PositionSensor)
 
 LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
@@ -41,7 +42,10 @@ _RADAR = {
     "scan_period": ("scan_period_s", 1.0),
 }
 _DETECTION = "detection_probability"
-_OPTIONAL = {"max_range": "max_range_m", "detection_probability": _DETECTION}
+_OPTIONAL = {
+    "max_range": ("max_range_m", 1.0),
+    "detection_probability": (_DETECTION, 1.0),
+}
 # channels of a radar, their names in columns, and their properties
 _CHANNELS = {"psr": "psr", "ssr": "ssr", "mode-s": "mode_s"}
 _CHANNEL = {
@@ -63,11 +67,11 @@ _STATION = {
 }
 _POSITION_SIGMA = "position_sigma_m"
 _POSITION_SENSOR = {
-    "position_sigma": _POSITION_SIGMA,
-    "velocity_sigma": "velocity_sigma_m_s",
-    "update_interval": "update_interval_s",
-    "detection_probability": _DETECTION,
-    "target_extent": "target_extent_m",
+    "position_sigma": (_POSITION_SIGMA, 1.0),
+    "velocity_sigma": ("velocity_sigma_m_s", 1.0),
+    "update_interval": ("update_interval_s", 1.0),
+    "detection_probability": (_DETECTION, 1.0),
+    "target_extent": ("target_extent_m", 1.0),
 }
 # systematic errors of a sensor: their columns, the columns of their sigmas, and factors
 _BIAS = {
@@ -87,8 +91,11 @@ _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
 # all columns that are read
 _KNOWN = (
     *("name", *LOCAL, *GEODETIC, _TRUSTED, _POSITION_SIGMA, _RANGE_DIFFERENCE_SIGMA),
-    *(column for column, _ in (*_RADAR.values(), *_STATION.values(), *_RESOLUTION.values())),
-    *(*_OPTIONAL.values(), *_POSITION_SENSOR.values()),
+    *(
+        column
+        for table in (_RADAR, _STATION, _RESOLUTION, _OPTIONAL, _POSITION_SENSOR)
+        for column, _ in table.values()
+    ),
     *(column for one in (*_BIAS.values(), *_PLACE_BIAS.values()) for column in one[:2]),
     *(f"{name}_{column}" for name in _CHANNELS.values() for column, _ in _CHANNEL.values()),
 )
@@ -234,16 +241,9 @@ def with_others(
     others: list[PositionSensor | Station] = []
     rows = _named(position_sensors, "position sensor", file) if position_sensors else {}
     for name, row in rows.items():
-        cells, options = _Cells(row, name, file), {}
-        for key, column in _POSITION_SENSOR.items():
-            value = cells.number(column)
-            if value is not None:
-                options[key] = value
-        bias = _bias(cells)
-        try:
-            others.append(PositionSensor(name=name, bias=bias, **options))
-        except ValueError as error:
-            raise cells.error(f"{name}: {error}") from None
+        cells = _Cells(row, name, file)
+        options = cells.given(_POSITION_SENSOR)
+        others.append(cells.made(PositionSensor, bias=_bias(cells), **options))
     for name, row in (_named(stations, "station", file) if stations else {}).items():
         cells = _Cells(row, name, file)
         if cells.sigma(_STATION["azimuth_sigma"][0]) is not None:
@@ -266,14 +266,14 @@ def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Stat
         kinds = ("azimuth", "time")
         options["bias"] = Bias(**{kind: getattr(bias, kind) for kind in kinds})
     if not _are_geodetic([cells], None, cells.file):
-        return cells.made(Station, _coordinates([cells], LOCAL)[0][:2], options)
+        return cells.made(Station, _coordinates([cells], LOCAL)[0][:2], **options)
     place = [cells.required(column) for column in GEODETIC[:2]]
     place.append(cells.number(GEODETIC[2]) or 0.0)
     if frame is None:
         raise cells.error(f"{cells.name} has {GEODETIC[0]}, but the radars have none")
     station = frame.station(*place)
     options["axes"] = in_the_plane(np.asarray(station.axes)[np.newaxis])[0]
-    return cells.made(Station, station.position[:2], options)
+    return cells.made(Station, station.position[:2], **options)
 
 
 def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
@@ -292,7 +292,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     columns: dict[str, Any] = {"name": sensors.names} | places
     for key, (column, unit) in _RADAR.items():
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
-    for key, column in _OPTIONAL.items():
+    for key, (column, _) in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
     # if there are channels, only they have detection probabilities
     columns[_DETECTION] = [
@@ -329,14 +329,11 @@ def stations(
     positions, axes, frame = _places(cells, origin, file)
     items = []
     for k, one in enumerate(cells):
-        options: dict[str, Any] = {
-            key: None if (sigma := one.sigma(column)) is None else sigma * unit
-            for key, (column, unit) in _STATION.items()
-        }
+        options = one.given(_STATION, positive=True)
         options["position_sigma"] = one.number(_POSITION_SIGMA) or 0.0
         options["axes"] = None if axes is None else axes[k]
         options["bias"] = _bias(one)
-        items.append(one.made(Station, positions[k], options))
+        items.append(one.made(Station, positions[k], **options))
     differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
     stated = np.array([np.nan if one is None else one for one in differences])
     return Sensors(items, np.zeros(len(items)), stated, frame, file)
@@ -396,10 +393,18 @@ class _Cells:
             raise self.error(f"{column} of {self.name} is {found:g}; it must be positive")
         return found
 
-    def made(self, kind: type[S], place: FloatArray, options: Mapping[str, Any]) -> S:
+    def given(
+        self, columns: Mapping[str, tuple[str, float]], *, positive: bool = False
+    ) -> dict[str, Any]:
+        """Return properties with their columns and units; those that are missing are left out."""
+        read = self.sigma if positive else self.number
+        found = ((key, read(column), unit) for key, (column, unit) in columns.items())
+        return {key: value * unit for key, value, unit in found if value is not None}
+
+    def made(self, kind: type[Made], *place: FloatArray, **options: Any) -> Made:
         """Return the sensor, created from the cells."""
         try:
-            return kind(place, name=self.name, **options)
+            return kind(*place, name=self.name, **options)
         except ValueError as error:
             raise self.error(f"{self.name}: {error}") from None
 
@@ -460,34 +465,24 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
     for key, (column, unit) in _RADAR.items():
         cells.required(column)
         options[key] = (cells.sigma(column) or 0.0) * unit
-    for key, column in _OPTIONAL.items():
-        if (value := cells.number(column)) is not None:
-            options[key] = value
-    for key, (column, unit) in _RESOLUTION.items():
-        size = cells.number(column)
-        if size is not None:
-            options[key] = size * unit
+    options |= cells.given(_OPTIONAL | _RESOLUTION)
     options["bias"] = _bias(cells)
     options["channels"] = _channels(cells)
     sigma = math.degrees(options["azimuth_sigma"])
     if sigma < _DOUBTFUL_SIGMA:
         doubt(f"azimuth_sigma_deg of {cells.name} is {sigma:.3g} degrees: is it in radians?")
-    return cells.made(Radar, place, options)
+    return cells.made(Radar, place, **options)
 
 
 def _channels(cells: _Cells) -> dict[str, Channel] | None:
     """Return the channels of a radar; None if none are described."""
     found = {}
     for name, prefix in _CHANNELS.items():
-        columns = {key: f"{prefix}_{column}" for key, (column, _) in _CHANNEL.items()}
-        given = {key: cells.number(column) for key, column in columns.items()}
-        if all(number is None for number in given.values()):
+        columns = {key: (f"{prefix}_{own}", unit) for key, (own, unit) in _CHANNEL.items()}
+        options = cells.given(columns)
+        if not options:
             continue
-        cells.required(columns["detection_probability"])
-        options: dict[str, Any] = {
-            key: None if number is None else number * _CHANNEL[key][1]
-            for key, number in given.items()
-        }
+        cells.required(columns["detection_probability"][0])
         try:
             found[name] = Channel(**options)
         except ValueError as error:
