@@ -157,43 +157,35 @@ class TestPositions:
         )
         assert figure(tables.audit(beside), "nees")["value"] == pytest.approx(0.0, abs=1e-9)
 
-    def test_tracks_are_matched_to_targets_and_are_groups(self):
+    def two_tracks(self):
+        """The same estimates twice, 5 km apart."""
         table, _ = positions()
         both = pl.concat([table.with_columns(track=pl.lit(k)) for k in (1, 2)])
-        far = pl.col("east_m") + pl.when(pl.col("track") == 2).then(5000.0).otherwise(0.0)
-        targets = pl.concat(
+        return both.with_columns(pl.col("east_m") + 5000.0 * (pl.col("track") - 1))
+
+    def in_a_row(self, names, axis="east_m"):
+        """Targets of these names on parallel paths, 5 km apart."""
+        return pl.concat(
             [
-                truth().with_columns(pl.col("east_m") + 5000.0 * k, target=pl.lit(name))
-                for k, name in enumerate(("AFR", "DLH"))
+                truth().with_columns(pl.col(axis) + 5000.0 * k, target=pl.lit(name))
+                for k, name in enumerate(names)
             ]
         )
-        found = tables.audit(both.with_columns(far), targets, max_distance=200.0)
+
+    def test_tracks_are_matched_to_targets_and_are_groups(self):
+        targets = self.in_a_row(["AFR", "DLH"])
+        found = tables.audit(self.two_tracks(), targets, max_distance=200.0)
         assert figure(found, "nees")["verdict"] == "honest"
 
     def test_numbers_of_tracks_that_are_those_of_other_targets(self):
-        table, _ = positions()
-        both = pl.concat([table.with_columns(track=pl.lit(k)) for k in (1, 2)])
-        far = pl.col("east_m") + pl.when(pl.col("track") == 2).then(5000.0).otherwise(0.0)
-        targets = pl.concat(
-            [
-                truth().with_columns(pl.col("east_m") + 5000.0 * k, target=pl.lit(k))
-                for k in range(3)
-            ]
-        )
         with pytest.warns(tables.RecordWarning, match="0% of the estimates are within 1000 m"):
-            found = tables.audit(both.with_columns(far), targets)
+            found = tables.audit(self.two_tracks(), self.in_a_row(range(3)))
         assert figure(found, "nees")["verdict"] == "honest"
 
     def test_names_are_believed_if_no_target_is_near(self):
         table, _ = positions()
         named = table.with_columns(pl.col("east_m") + 9000.0, track=pl.lit("AFR"))
-        targets = pl.concat(
-            [
-                truth().with_columns(pl.col("north_m") + 5000.0 * k, target=pl.lit(name))
-                for k, name in enumerate(("AFR", "DLH"))
-            ]
-        )
-        found = tables.audit(named, targets)
+        found = tables.audit(named, self.in_a_row(["AFR", "DLH"], "north_m"))
         assert figure(found, "nees")["verdict"].startswith("too small")
 
     def test_strata_and_groups(self):
