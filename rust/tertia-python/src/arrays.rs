@@ -14,7 +14,6 @@ use std::thread;
 use std::time::Duration;
 use tertia::batch::{RowError, for_each_row};
 use tertia::interrupt::Flag;
-use tertia::missing::Present;
 
 pyo3::import_exception!(numpy.linalg, LinAlgError);
 
@@ -307,6 +306,19 @@ pub fn release<T: Send>(
     }
 }
 
+/// Calls `work` on every item; `nanoseconds` is the cost of all. An error does not say which item failed.
+pub fn for_each_item<T: Send>(
+    py: Python<'_>,
+    nanoseconds: f64,
+    n_threads: Threads,
+    items: impl ExactSizeIterator<Item = T> + Send,
+    work: impl Fn(T) -> tertia::Result<()> + Sync + Send,
+) -> PyResult<()> {
+    let work = |(): &mut (), item| work(item);
+    release(py, nanoseconds, || for_each_row(items, nanoseconds, n_threads, || (), work))?
+        .map_err(|failure| value_error(failure.error))
+}
+
 /// Does work on another thread, and checks for signals meanwhile.
 fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     let (mut work, mut done) = (Some(work), None);
@@ -461,26 +473,6 @@ pub fn chunks<T: Send>(
         rest = tail;
         head
     })
-}
-
-/// Buffers for samples with missing measurements.
-#[derive(Default)]
-pub struct Gaps {
-    pub present: Present,
-    pub outlier: Vec<bool>,
-    pub cleaned: Vec<f64>,
-}
-
-impl Gaps {
-    /// Collects the measurements that are present, and makes room for the results.
-    pub fn collect(&mut self, y: &[f64]) {
-        self.present.collect(y);
-        let n = self.present.values().len();
-        self.outlier.clear();
-        self.outlier.resize(n, false);
-        self.cleaned.clear();
-        self.cleaned.resize(n, 0.0);
-    }
 }
 
 /// Returns optional rows of this number of axes and values, one for each of `count` instants or one for all.

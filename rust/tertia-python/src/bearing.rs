@@ -1,6 +1,7 @@
 //! Bindings of `tertia::bearing`.
 
-use crate::arrays::{Array, Gaps, Input, Output, Threads, columns, repeated, unknown, value_error};
+use crate::arrays::{Array, Input, Output, Threads, columns, repeated, unknown, value_error};
+use crate::screening::Gaps;
 use pyo3::prelude::*;
 use std::collections::HashMap;
 use tertia::bearing::{

@@ -1,12 +1,12 @@
 //! Bindings of `tertia::flightplan`.
 
 use crate::arrays::{
-    Array, Input, Integers, Marks, Output, Threads, array, columns, release, value_error,
+    Array, Input, Integers, Marks, Output, Threads, array, columns, for_each_item, release,
+    value_error,
 };
 use crate::sensors::{IdentityColumns, Named, identities_of, named};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::batch::for_each_row;
 use tertia::flightplan::{
     self, Monitor, Plan, Projection, Sighting, SpeedHistory, TimeOver, Turn, Verdict,
     speed_histories,
@@ -206,9 +206,6 @@ pub fn plan_speeds<'py>(
     array(py, &[route.legs()], route.speeds().to_vec())
 }
 
-/// Index of a track, and the places for its scores, its plan and the reason.
-type Row<'a> = (usize, ((&'a mut [f64], &'a mut i64), &'a mut i64));
-
 /// Mean scores (..., M) of tracks (..., N) for M plans, the plan of each track, and the reason.
 #[pyfunction]
 pub fn correlate<'py>(
@@ -229,7 +226,7 @@ pub fn correlate<'py>(
     let legs: usize = routes.iter().map(|route| route.legs()).sum();
     let cost = SCORE_NS * (legs * n * count) as f64;
     let outputs = scores.rows()?.zip(chosen.values()?).zip(status.values()?).enumerate();
-    let work = |(): &mut (), (at, ((scores, chosen), status)): Row<'_>| {
+    for_each_item(py, cost, n_threads, outputs, |(at, ((scores, chosen), status))| {
         let seen = &seen[at * n..(at + 1) * n];
         let plots = flightplan::mean_scores(&routes, seen, scores);
         let own = identities.get(at);
@@ -238,9 +235,7 @@ pub fn correlate<'py>(
         *chosen = decision.plan.map_or(-1, |plan| plan as i64);
         *status = decision.status as i64;
         Ok(())
-    };
-    release(py, cost, || for_each_row(outputs, cost, n_threads, || (), work))?
-        .map_err(|failure| value_error(failure.error))?;
+    })?;
     Ok((scores, chosen, status))
 }
 

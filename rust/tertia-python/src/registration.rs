@@ -132,9 +132,7 @@ impl TargetPlots<'_> {
         };
         sensor.iter().enumerate().map(plot).collect()
     }
-}
 
-impl TargetPlots<'_> {
     /// Returns the positions of this number of plots; `None` for plots without one.
     fn places(&self, count: usize) -> PyResult<Option<Vec<Option<Place>>>> {
         let Some(position) = &self.position else { return Ok(None) };

@@ -1,14 +1,14 @@
 //! Bindings of `tertia::screening`.
 
 use crate::arrays::{
-    Array, Gaps, Input, Integers, Output, Rows, Threads, array, choice, columns, release, repeated,
+    Array, Input, Integers, Output, Rows, Threads, array, choice, columns, for_each_item, repeated,
     unknown, value_error,
 };
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::Moments;
-use tertia::batch::for_each_row;
+use tertia::missing::Present;
 use tertia::screening::{
     self, BurstRule, BurstWorkspace, Direction, KSigmaRule, LeaveOneOutRule, MovingRule,
     MovingWorkspace, Replacement, Statistics, Summary, Test,
@@ -179,6 +179,26 @@ pub fn moving_polynomial<'py>(
     screen_rows(py, &y, 0, cost, n_threads, MovingWorkspace::default, kernel)
 }
 
+/// Buffers for samples with missing measurements.
+#[derive(Default)]
+pub struct Gaps {
+    pub present: Present,
+    pub outlier: Vec<bool>,
+    pub cleaned: Vec<f64>,
+}
+
+impl Gaps {
+    /// Collects the measurements that are present, and makes room for the results.
+    pub fn collect(&mut self, y: &[f64]) {
+        self.present.collect(y);
+        let n = self.present.values().len();
+        self.outlier.clear();
+        self.outlier.resize(n, false);
+        self.cleaned.clear();
+        self.cleaned.resize(n, 0.0);
+    }
+}
+
 /// Runs a screening kernel over all rows, or over their measurements that are present.
 #[allow(clippy::too_many_arguments)] // what the three callers have in common
 fn screen<'py, S>(
@@ -279,9 +299,6 @@ pub fn t_test<'py>(
     one_by_one(py, &x, &row, &y, 2, |_, x, others| screening::t_test(x, others))
 }
 
-/// Index of a test, its value and row, and the place for its statistic and p-value.
-type Job<'a> = ((usize, (&'a f64, &'a i64)), &'a mut (f64, f64));
-
 /// Computes the moments of every row of y once, and then a test for every x.
 fn one_by_one<'py>(
     py: Python<'py>,
@@ -298,15 +315,13 @@ fn one_by_one<'py>(
     let mut results = repeated((0.0, 0.0), x.len())?;
     let cost = TAIL_NS * x.len() as f64;
     let items = x.iter().zip(&row).enumerate().zip(&mut results);
-    let work = |(): &mut (), ((i, (&x, &row)), out): Job<'_>| {
+    for_each_item(py, cost, None, items, |((i, (&x, &row)), out)| {
         if let Some(others) = &others[row as usize] {
             let result = test(i, x, others)?;
             *out = (result.statistic, result.pvalue);
         }
         Ok(())
-    };
-    release(py, cost, || for_each_row(items, cost, None, || (), work))?
-        .map_err(|failure| value_error(failure.error))?;
+    })?;
     Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }
 

@@ -1,10 +1,9 @@
 //! Bindings of `tertia::simulate`.
 
-use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release, value_error};
+use crate::arrays::{Array, Input, Integers, Marks, Threads, array, for_each_item, release};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::batch::for_each_row;
 use tertia::simulate::{
     self as core, Beam, Complex, Flight, Passing, Pilot, Process, Route, Sample, Wander,
 };
@@ -68,25 +67,16 @@ impl Flights {
         let mut used = vec![0_usize; n];
         let cost = STEP_NS * (steps * n) as f64;
         let rows = self.flights.iter_mut().zip(&mut self.samples).zip(&mut used).enumerate();
-        let done = release(py, cost, || {
-            for_each_row(
-                rows,
-                cost,
-                n_threads,
-                || (),
-                |(), (i, ((flight, samples), used))| {
-                    let at = |step: usize, which: usize| noise[(4 * step + which) * n + i];
-                    for step in 0..steps {
-                        let Some(sample) = flight.sample() else { break };
-                        samples.push(sample);
-                        flight.advance([at(step, 0), at(step, 1)], [at(step, 2), at(step, 3)]);
-                        *used = step + 1;
-                    }
-                    Ok(())
-                },
-            )
+        for_each_item(py, cost, n_threads, rows, |(i, ((flight, samples), used))| {
+            let at = |step: usize, which: usize| noise[(4 * step + which) * n + i];
+            for step in 0..steps {
+                let Some(sample) = flight.sample() else { break };
+                samples.push(sample);
+                flight.advance([at(step, 0), at(step, 1)], [at(step, 2), at(step, 3)]);
+                *used = step + 1;
+            }
+            Ok(())
         })?;
-        done.map_err(|failure| value_error(failure.error))?;
         Ok(used.into_iter().max().unwrap_or(0))
     }
 

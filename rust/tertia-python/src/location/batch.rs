@@ -1,9 +1,8 @@
 //! The measurements of the instants of a batch.
 
-use crate::arrays::{Input, Rows, Threads, optional, release, repeated};
+use crate::arrays::{Input, Rows, Threads, optional, repeated};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::batch::for_each_row;
 use tertia::location::Instant;
 use tertia::sensors::KINDS;
 
@@ -110,11 +109,8 @@ impl<'a> Batch<'a> {
     ) -> PyResult<Vec<T>> {
         let mut found = repeated(unknown, self.count())?;
         let cost = nanoseconds * found.len() as f64;
-        let work = |(): &mut (), (row, out): (usize, &mut T)| work(row, out);
-        release(py, cost, || {
-            for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
-        })?
-        .map_err(|failure| self.values.error(failure))?;
+        let work = |(): &mut (), (row, _): (usize, &[f64]), out: &mut T| work(row, out);
+        self.values.each(py, cost, n_threads, found.iter_mut(), || (), work)?;
         Ok(found)
     }
 }
