@@ -122,9 +122,7 @@ def _noise(analysis: Analysis, time: str) -> Panel:
         for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
             stated = getattr(radar, f"{kind}_sigma") * unit
             factor, sigma = (getattr(one, kind)[k] for one in (history.factor, history.sigma))
-            half = numbers(sigma * stated * SIDES, 3)
-            bars = {"type": "data", "array": half, "thickness": 1, "width": 2}
-            more = {"error_y": bars, "line": {"dash": "solid"}, **_panel(name, i)}
+            more = {**_bars(sigma * stated), **_panel(name, i)}
             data.append(_marked(name, analysis.middle, factor * stated, k, **more))
             more = {"line": {"dash": "dot", "width": 1.5}, **_panel(name, i), "hoverinfo": "skip"}
             ends = analysis.edges[[0, -1]]
@@ -151,12 +149,9 @@ def _biases(analysis: Analysis, time: str) -> list[Panel]:
                 np.array([np.asarray(getattr(bias, name))[k] for bias in history.bias])
                 for name in (kind, f"{kind}_sigma")
             )
-            bars = {"type": "data", "array": numbers(sigma * scale * SIDES, 3)}
-            more = {"error_y": bars | {"thickness": 1, "width": 2}, "line": {"dash": "solid"}}
             name = analysis.names[k]
-            data.append(
-                _marked(name, middle, value * scale, k, **more, **_panel(name, len(titles)))
-            )
+            more = {**_bars(sigma * scale), **_panel(name, len(titles))}
+            data.append(_marked(name, middle, value * scale, k, **more))
         titles.append(title)
     if not titles:
         return []
@@ -277,6 +272,12 @@ def _marked(name: str, x: FloatArray, y: FloatArray, k: int, **more: Any) -> dic
 def dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any]:
     """Return positions on a map as points that are not joined by a line."""
     return line(name, places[:, 0] / 1e3, places[:, 1] / 1e3, mode="markers", marker=marker)
+
+
+def _bars(sigma: FloatArray) -> dict[str, Any]:
+    """Return the settings of a solid line with error bars of 95 %."""
+    bars = {"type": "data", "array": numbers(sigma * SIDES, 3), "thickness": 1, "width": 2}
+    return {"error_y": bars, "line": {"dash": "solid"}}
 
 
 def _panel(name: str, i: int) -> dict[str, Any]:
