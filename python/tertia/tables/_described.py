@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +15,7 @@ from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tables._frames import is_table, names, series
 from tertia.tables._parts import Part, RecordError, Source
 from tertia.tables._sensors import GEODETIC, LOCAL, Row, Sensors, radars, stations, with_others
-from tertia.tables._text import decoded
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from tertia.tables._text import toml_of
 
 # whatever describes sensors: objects, one row per sensor, or the path of a file
 SensorsLike: TypeAlias = Any
@@ -100,9 +94,8 @@ def _found(source: Source) -> dict[str, Row]:
 def description(path: Path) -> Description:
     """Return the description in a TOML file."""
     try:
-        return Description(tomllib.loads(decoded(path.read_bytes())), str(path))
+        return Description(toml_of(path), str(path))
     except ValueError as error:
-        # also raised if the file is not UTF-8
         raise RecordError(f"cannot read {path}: {error}") from None
 
 

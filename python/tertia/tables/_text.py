@@ -1,6 +1,14 @@
 """Decoding of text files."""
 
 import codecs
+import sys
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _BEGIN = 1 << 16
 _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -9,6 +17,11 @@ _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 def decoded(contents: bytes) -> str:
     """Decode a text in UTF-8 or UTF-16, with or without a byte order mark."""
     return contents.decode(encoding_of(contents[:_BEGIN])).lstrip("\ufeff")
+
+
+def toml_of(path: Path) -> dict[str, Any]:
+    """Return the contents of a TOML file; text that is not UTF-8 is a ValueError, too."""
+    return tomllib.loads(decoded(path.read_bytes()))
 
 
 def encoding_of(begin: bytes) -> str:

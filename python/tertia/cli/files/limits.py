@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-from tertia.cli.terminal.say import fail, reading
+from tertia.cli.terminal.say import fail
+from tertia.cli.terminal.settings import document_of
 from tertia.metrics._indicators import LIMITED
-from tertia.tables._text import decoded
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 # keys of the file, and the indicators that they limit
 _UNITS = {"data_age": "_s", "pair_time_offset": "_s", "rmse": "_m", "large_error": "_m"}
@@ -23,11 +17,7 @@ def read_limits(path: Path | None) -> dict[str, float]:
     """Return the limits in a file by the names of their indicators; `source` is ignored."""
     if path is None:
         return {}
-    try:
-        with reading(path):
-            document = tomllib.loads(decoded(path.read_bytes()))
-    except ValueError as error:
-        fail(f"cannot read {path}: {error}")
+    document = document_of(path)
     document.pop("source", None)
     known = f"it may have {', '.join(_KEYS)} and source"
     for key, value in document.items():

@@ -1,6 +1,5 @@
 """Default options of commands, read from a file."""
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,27 +7,27 @@ from typing import Any
 import typer
 
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
-from tertia.tables._text import decoded
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from tertia.tables._text import toml_of
 
 # names of the files of measurements, which are arguments and not options
 _FILES = ("file", "files")
 _NONE = ("--settings", "--help")
 
 
+def document_of(path: Path) -> dict[str, Any]:
+    """Return the contents of a TOML file; exit with a message if it cannot be read."""
+    try:
+        with reading(path):
+            return toml_of(path)
+    except ValueError as error:
+        fail(f"cannot read {path}: {error}")
+
+
 def use(context: typer.Context, path: Path | None) -> Path | None:
     """Make the settings in a file the defaults of a command, first those in a table of its name."""
     if path is None:
         return None
-    try:
-        with reading(path):
-            document = tomllib.loads(decoded(path.read_bytes()))
-    except ValueError as error:
-        fail(f"cannot read {path}: {error}")
+    document = document_of(path)
     group = context.parent.command if context.parent else None
     commands: Mapping[str, Any] = getattr(group, "commands", {})
     own = document.get(str(context.info_name), {})
