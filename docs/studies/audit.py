@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.honesty import IntArray
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia import audit, plot
 
@@ -23,15 +23,9 @@ BLOCK, PERIOD, WINDOW = 25, 150.0, 60
 ROWS = 100
 
 
-def autoregressive(
-    correlation: float, shape: tuple[int, int], rng: np.random.Generator
-) -> FloatArray:
+def correlated(correlation: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
     """Return errors of two axes (series, steps, 2), of variance one."""
-    errors: FloatArray = rng.standard_normal((*shape, 2))
-    for step in range(1, shape[1]):
-        errors[:, step] *= np.sqrt(1 - correlation**2)
-        errors[:, step] += correlation * errors[:, step - 1]
-    return errors
+    return autoregressive(rng.standard_normal((*shape, 2)), correlation)
 
 
 def cell(
@@ -69,7 +63,7 @@ def intervals() -> str:
 
 
 def _lasting(correlation: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
-    errors = np.sqrt(EXCESS) * autoregressive(correlation, shape, rng)
+    errors = np.sqrt(EXCESS) * correlated(correlation, shape, rng)
     return np.asarray(errors.reshape(-1, 2))
 
 
@@ -115,7 +109,7 @@ def directions(steps: int, rng: np.random.Generator) -> FloatArray:
 
 def gusts(steps: int, rng: np.random.Generator) -> FloatArray:
     """Return white errors whose size changes slowly."""
-    size = autoregressive(0.98, (1, steps), rng)[0, :, :1]
+    size = correlated(0.98, (1, steps), rng)[0, :, :1]
     return np.asarray(np.exp(0.6 * size) * rng.standard_normal((steps, 2)))
 
 
@@ -161,7 +155,7 @@ def verdicts() -> str:
             rng = generator(93, round(10 * factor), steps, round(10 * correlation))
             count, said = repetitions(TRIALS), []
             for _ in range(count):
-                error = factor * autoregressive(correlation, (1, steps), rng)[0]
+                error = factor * correlated(correlation, (1, steps), rng)[0]
                 said.append(audit(error, 1.0, probability=[0.95]).verdict)
             words = ("too small", "honest", "too large", "too short")
             shares = [sum(one.startswith(word) for one in said) / count for word in words]
@@ -174,7 +168,7 @@ def verdicts() -> str:
 def audit_figure() -> Figure:
     """Draw the audit of errors that last, whose sigmas are too small in one part."""
     rng = generator(94)
-    error = autoregressive(0.9, (1, 3000), rng)[0]
+    error = correlated(0.9, (1, 3000), rng)[0]
     distance = np.linspace(0.0, 30.0, len(error))
     found = audit(error * (1 + distance / 30)[:, np.newaxis], 1.0, strata={"range (km)": distance})
     figure = Figure(figsize=(6.5, 4.5), layout="constrained")

@@ -16,6 +16,7 @@ from studies.montecarlo import (
     WITH_SIGMA,
     Errors,
     FloatArray,
+    autoregressive,
     classical,
     generator,
     k2,
@@ -149,11 +150,7 @@ def _with_outliers(rng: np.random.Generator, shape: tuple[int, int], *sides: flo
 
 
 def _lasting(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> FloatArray:
-    noise = _white(rng, shape)
-    for step in range(1, shape[1]):
-        noise[:, step] *= np.sqrt(1 - correlation**2)
-        noise[:, step] += correlation * noise[:, step - 1]
-    return noise
+    return autoregressive(_white(rng, shape), correlation)
 
 
 # noise of a stated sigma of 1

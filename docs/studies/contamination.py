@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from studies.honesty import STOPS, Draw, coverage_table, stops
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia import estimate_bearing
 
@@ -120,13 +120,6 @@ def contamination() -> str:
     )
 
 
-def _autoregressive(rng: np.random.Generator, count: int, n: int, phi: float) -> FloatArray:
-    noise = rng.standard_normal((count, n))
-    for t in range(1, n):
-        noise[:, t] = phi * noise[:, t - 1] + np.sqrt(1 - phi**2) * noise[:, t]
-    return noise
-
-
 def correlation() -> str:
     """Coverage of two sigmas with lasting noise: assumed white, given, found; with outliers."""
     rows = []
@@ -135,7 +128,7 @@ def correlation() -> str:
         cells = []
         for n in sizes:
             rng = generator(21, n, round(100 * phi))
-            y = _autoregressive(rng, repetitions(1000, 20), n, phi)
+            y = autoregressive(rng.standard_normal((repetitions(1000, 20), n)), phi)
             bad = y + np.where(rng.uniform(size=y.shape) < 0.2, 8.0, 0.0)
             shares = []
             for data, given in ((y, 0.0), (y, phi), (y, None), (bad, None)):
@@ -162,7 +155,7 @@ def _slow(rng: np.random.Generator, kind: str, count: int, n: int) -> tuple[Floa
     if kind == "1/f noise":
         return _pink(rng, count, n), none
     if kind.startswith("AR"):
-        return _autoregressive(rng, count, n, float(kind[3:-1])), none
+        return autoregressive(rng.standard_normal((count, n)), float(kind[3:-1])), none
     if kind == "drift by 5σ":
         level = none + 5.0 * (time - 0.5)
     elif kind == "sine, ± 2.5σ":

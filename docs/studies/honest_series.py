@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from studies.honesty import BoolArray, Draw, FloatArray, coverage_table
-from studies.montecarlo import generator
+from studies.montecarlo import autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia.fusion import fuse, fuse_scalar, fuse_series
 from tertia.kalman import SingerModel, filter_series, smooth_series
@@ -320,11 +320,7 @@ def _forgotten(
     shape: tuple[int, ...], step: float, size: float, rng: np.random.Generator, time: float = 20.0
 ) -> FloatArray:
     """Return what is kept for this time."""
-    kept = np.exp(-step / time)
-    values = size * rng.standard_normal(shape)
-    for k in range(1, shape[1]):
-        values[:, k] = kept * values[:, k - 1] + np.sqrt(1 - kept**2) * values[:, k]
-    return np.asarray(values)
+    return autoregressive(size * rng.standard_normal(shape), float(np.exp(-step / time)))
 
 
 def _turns(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:

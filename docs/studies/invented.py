@@ -184,8 +184,8 @@ def _differences(recording: Recording, stated: float) -> dict[str, Any]:
     return {"range_difference_sigma": stated * recording.sigma, "propagation_speed": SOUND}
 
 
-def _instants(recording: Recording, stated: float) -> tuple[float, str]:
-    options = _differences(recording, stated)
+def _instants(recording: Recording, stated: float, **speed: Any) -> tuple[float, str]:
+    options = _differences(recording, stated) | speed
     fix = locate(recording.sensors(stated), **recording.measured, **options)
     return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
 
@@ -212,9 +212,7 @@ def _track(
 
 def _stretched(recording: Recording, stated: float) -> tuple[float, str]:
     """State how well the speed of sound is known."""
-    options = _differences(recording, stated) | KNOWN_SPEED
-    fix = locate(recording.sensors(stated), **recording.measured, **options)
-    return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
+    return _instants(recording, stated, **KNOWN_SPEED)
 
 
 def _stretched_track(recording: Recording, stated: float) -> tuple[float, str]:

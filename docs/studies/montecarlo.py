@@ -51,6 +51,14 @@ def generator(*study: int) -> np.random.Generator:
     return np.random.default_rng([SEED, *study])
 
 
+def autoregressive(errors: FloatArray, correlation: float) -> FloatArray:
+    """Make white errors, (runs, steps, ...), last from step to step; their variance is kept."""
+    for step in range(1, errors.shape[1]):
+        errors[:, step] *= np.sqrt(1 - correlation**2)
+        errors[:, step] += correlation * errors[:, step - 1]
+    return errors
+
+
 def records(n: int, count: int, rng: np.random.Generator, **scenario: Any) -> FloatArray:
     """Return `count` records of `n` errors of measurement: the true bearing is 0, no wrapping."""
     return direction_finder(n, batch=count, rng=rng, period=None, **scenario).theta

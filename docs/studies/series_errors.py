@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.honesty import FloatArray
-from studies.montecarlo import generator
+from studies.montecarlo import autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia.fusion import fuse_series
@@ -61,11 +61,7 @@ class Scene:
     def _slow(self, kept: float, rng: np.random.Generator) -> FloatArray:
         """Return errors of variance one that are kept for a time, (runs, steps)."""
         errors = rng.standard_normal((RUNS, self.steps))
-        keep = np.exp(-self.model.dt / kept)
-        for at in range(1, self.steps):
-            errors[:, at] *= np.sqrt(1 - keep**2)
-            errors[:, at] += keep * errors[:, at - 1]
-        return errors
+        return autoregressive(errors, float(np.exp(-self.model.dt / kept)))
 
 
 FINDERS = SingerModel(5.0, 1 / 60, 1e-4, exact=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, autoregressive, generator
 from studies.one_wrong import INSIDE
 from studies.pages import markdown, repetitions
 from studies.walkers import walk
@@ -20,14 +20,6 @@ STATED = 3.0
 COUNTS = (4, 6, 10)
 
 
-def lasting(shape: tuple[int, int], correlation: float, rng: np.random.Generator) -> FloatArray:
-    """Return normal errors, (N, K), that are correlated from one instant to the next."""
-    errors = rng.standard_normal(shape)
-    for t in range(1, shape[0]):
-        errors[t] = correlation * errors[t - 1] + np.sqrt(1 - correlation**2) * errors[t]
-    return errors
-
-
 def scene(
     count: int, strengths: tuple[float, float], rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -38,8 +30,8 @@ def scene(
     directions = np.column_stack([np.sin(turn), np.cos(turn)])
     places = ROOM / 2 * (1 + rng.uniform(0.5, 1.0, (count, 1)) * directions)
     ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
-    errors = decibels / PER_FACTOR * lasting(ranges.shape, correlation, rng)
-    return places, way, ranges * np.exp(errors)
+    errors = autoregressive(rng.standard_normal((1, *ranges.shape)), correlation)[0]
+    return places, way, ranges * np.exp(decibels / PER_FACTOR * errors)
 
 
 def signal_strengths() -> str:
