@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, around, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia.sensors import Station
@@ -40,8 +40,7 @@ def table() -> str:
 
 def _one(count: int, speed: float, error: float, rng: np.random.Generator) -> FloatArray:
     """Return the squared error and the share of positions inside the 95 % ellipse."""
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    places = RADIUS * np.column_stack([np.sin(turn), np.cos(turn)])
+    places = RADIUS * around(count, rng)
     course = rng.uniform(0.0, 2 * np.pi) + np.cumsum(rng.normal(0.0, 0.1, len(TIMES)))
     way = speed * np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0)
     way += rng.uniform(-3.0, 3.0, 2) - way.mean(axis=0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studies.montecarlo import generator
+from studies.montecarlo import around, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray
@@ -17,8 +17,7 @@ INSIDE = 7.815
 
 def anchors(count: int, rng: np.random.Generator) -> FloatArray:
     """Return anchors on the walls of a hall of 20 m by 15 m, alternately high and low."""
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    way = np.column_stack([np.sin(turn), np.cos(turn)])
+    way = around(count, rng)
     way /= np.max(np.abs(way) / [10.0, 7.5], axis=1, keepdims=True)
     heights = rng.uniform(0.3, 1.5, count), rng.uniform(2.5, 4.0, count)
     up = np.where(np.arange(count) % 2, *heights)

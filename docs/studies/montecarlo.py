@@ -51,6 +51,12 @@ def generator(*study: int) -> np.random.Generator:
     return np.random.default_rng([SEED, *study])
 
 
+def around(count: int, rng: np.random.Generator) -> FloatArray:
+    """Return directions, (count, 2), in which stations are around a place, not quite evenly."""
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    return np.column_stack([np.sin(turn), np.cos(turn)])
+
+
 def autoregressive(errors: FloatArray, correlation: float) -> FloatArray:
     """Make white errors, (runs, steps, ...), last from step to step; their variance is kept."""
     for step in range(1, errors.shape[1]):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, around, generator
 from studies.pages import markdown, repetitions
 from tertia.location import Station
 from tertia.trajectory import reconstruct
@@ -41,9 +41,8 @@ REPEATED = (0.2, 0.4, 0.6, 0.8)
 
 def healthy(count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return places of stations around a path, the path, and ranges with noise."""
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    distance = REACH * rng.uniform(0.6, 1.0, count)
-    places = np.column_stack([distance * np.sin(turn), distance * np.cos(turn)])
+    ways = around(count, rng)
+    places = REACH * rng.uniform(0.6, 1.0, (count, 1)) * ways
     course = rng.uniform(0, 2 * np.pi) + rng.uniform(-0.02, 0.02) * (TIMES - TIMES.mean())
     way = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
     way += rng.uniform(-800, 800, 2) - way.mean(axis=0)

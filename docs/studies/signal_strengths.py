@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, autoregressive, generator
+from studies.montecarlo import FloatArray, around, autoregressive, generator
 from studies.one_wrong import INSIDE
 from studies.pages import markdown, repetitions
 from studies.walkers import walk
@@ -26,8 +26,7 @@ def scene(
     """Return places of beacons, a path, and the ranges by the strengths of its signals."""
     decibels, correlation = strengths
     way = walk(rng, len(TIMES), 1.0, ROOM)
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    directions = np.column_stack([np.sin(turn), np.cos(turn)])
+    directions = around(count, rng)
     places = ROOM / 2 * (1 + rng.uniform(0.5, 1.0, (count, 1)) * directions)
     ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
     errors = autoregressive(rng.standard_normal((1, *ranges.shape)), correlation)[0]

@@ -1,5 +1,6 @@
 """The tables and the picture of the page on smoothing."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -48,6 +49,17 @@ def shapes(amplitude: float) -> dict[str, FloatArray]:
     }
 
 
+def noisy(study: int) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield the title, the truth and the plots, (trials, 41), of each shape at two amplitudes."""
+    for amplitude in (3.0, 30.0):
+        for name, truth in shapes(amplitude).items():
+            if name == "constant" and amplitude > 3:
+                continue
+            noise = generator(study, int(amplitude)).standard_normal((TRIALS, truth.size))
+            title = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
+            yield title, truth, truth + noise
+
+
 def smoothed(y: FloatArray, degree: Any) -> LocalPolynomial:
     """Smooth with a window of 13."""
     return local_polynomial(y, WINDOW, degree)
@@ -57,20 +69,14 @@ def degree_coverage() -> str:
     """RMSE and coverage of two standard errors, by degree, in the middle of the record."""
     rows = []
     middle = slice(10, 31)
-    for amplitude in (3.0, 30.0):
-        for name, truth in shapes(amplitude).items():
-            if name == "constant" and amplitude > 3:
-                continue
-            rng = generator(70, int(amplitude))
-            y = truth + rng.standard_normal((TRIALS, truth.size))
-            cells = []
-            for degree in (0, 1, 2, 3, "adaptive"):
-                found = smoothed(y, degree)
-                error = (found.value - truth)[:, middle]
-                inside = np.abs(error) < 2 * found.sigma[:, middle]
-                cells.append(f"{np.sqrt(np.mean(error**2)):.2f}; {share(inside)}")
-            label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
-            rows.append([label, *cells])
+    for label, truth, y in noisy(70):
+        cells = []
+        for degree in (0, 1, 2, 3, "adaptive"):
+            found = smoothed(y, degree)
+            error = (found.value - truth)[:, middle]
+            inside = np.abs(error) < 2 * found.sigma[:, middle]
+            cells.append(f"{np.sqrt(np.mean(error**2)):.2f}; {share(inside)}")
+        rows.append([label, *cells])
     head = ["RMSE over σ; within 2 sigma", "degree 0", "1", "2", "3", "adaptive"]
     return markdown(head, rows)
 
@@ -78,19 +84,13 @@ def degree_coverage() -> str:
 def degrees_chosen() -> str:
     """Shares of the degrees that are chosen."""
     rows = []
-    for amplitude in (3.0, 30.0):
-        for name, truth in shapes(amplitude).items():
-            if name == "constant" and amplitude > 3:
-                continue
-            rng = generator(71, int(amplitude))
-            y = truth + rng.standard_normal((TRIALS, truth.size))
-            cells = []
-            for variances in (None, 1.0):
-                degree = local_polynomial(y, WINDOW, variance=variances).degree[:, 10:31]
-                counts = [100 * np.mean(degree == p) for p in range(4)]
-                cells.append(", ".join(f"{count:.0f}" for count in counts))
-            label = name if name == "constant" else f"{name}, amplitude {amplitude:g} σ"
-            rows.append([label, *cells])
+    for label, _, y in noisy(71):
+        cells = []
+        for variances in (None, 1.0):
+            degree = local_polynomial(y, WINDOW, variance=variances).degree[:, 10:31]
+            counts = [100 * np.mean(degree == p) for p in range(4)]
+            cells.append(", ".join(f"{count:.0f}" for count in counts))
+        rows.append([label, *cells])
     head = ["degrees 0, 1, 2, 3 chosen, %", "F test", "chi-square test, variances known"]
     return markdown(head, rows)
 
