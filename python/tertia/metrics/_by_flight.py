@@ -13,6 +13,7 @@ from tertia.metrics._indicator import Indicator
 
 # how much less than independent values a record is worth where it shows nothing of that
 USUAL_EFFECT = 4.0
+_NO_VALUES = Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
 
 
 def share_by_flight(
@@ -27,7 +28,7 @@ def share_by_flight(
     hits, counts = hits[counts > 0], counts[counts > 0]
     total, flights = float(counts.sum()), len(counts)
     if not total:
-        return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
+        return _NO_VALUES
     share = float(hits.sum()) / total
     number, freedom = total / USUAL_EFFECT, np.inf
     if flights > 1 and 0.0 < share < 1.0:
@@ -77,7 +78,7 @@ def mean_by_flight(
     totals, weights = totals[weights > 0], weights[weights > 0]
     flights, of = len(weights), np.sqrt if root else np.positive
     if not flights:
-        return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
+        return _NO_VALUES
     value = float(of(totals.sum() / weights.sum()))
     low, high = 0.0, np.inf
     if flights > 1:
@@ -102,7 +103,7 @@ def root_by_pair(
     """
     number = len(squares)
     if not number:
-        return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
+        return _NO_VALUES
     base = int(pairs[1].max()) + 1
     both, pair = np.unique(pairs[0] * base + pairs[1], return_inverse=True)
     total, count = np.bincount(pair, squares), np.bincount(pair)

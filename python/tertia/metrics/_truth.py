@@ -178,8 +178,7 @@ class Truth:
         ndarray of shape (..., m)
             Positions in metres; nan where a target is absent.
         """
-        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
-        there = self.present(k, when)
+        k, when, there = self._asked(target, time)
         found = np.full((*k.shape, self.position.shape[1]), np.nan)
         found[there] = self._between(self.position, k[there], when[there])
         return found
@@ -194,8 +193,8 @@ class Truth:
             truth are correlated over time; they are zero if no covariance was given, and nan where
             a target is absent.
         """
-        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
-        there, m = self.present(k, when), self.position.shape[1]
+        k, when, there = self._asked(target, time)
+        m = self.position.shape[1]
         found = np.full((*k.shape, m * m), np.nan)
         found[there] = 0.0
         if self.covariance is not None:
@@ -211,8 +210,8 @@ class Truth:
         ndarray of shape (...)
             Heights in metres; nan where a target is absent or its height is unknown.
         """
-        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
-        there, found = self.present(k, when), np.full(k.shape, np.nan)
+        k, when, there = self._asked(target, time)
+        found = np.full(k.shape, np.nan)
         if self.height is not None:
             own = self.height[:, np.newaxis]
             found[there] = self._between(own, k[there], when[there])[..., 0]
@@ -243,8 +242,8 @@ class Truth:
         """
         if kind not in KINDS:
             raise ValueError(f"kind is {kind!r}; it must be one of {', '.join(KINDS)}")
-        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
-        there, own = self.present(k, when), getattr(self, kind)
+        k, when, there = self._asked(target, time)
+        own = getattr(self, kind)
         none = NO_CALLSIGN if kind == "callsign" else NO_IDENTITY
         found = np.full(k.shape, none, dtype=None if own is None else own.dtype)
         if own is not None:
@@ -265,6 +264,13 @@ class Truth:
                 velocity = np.gradient(position[:, :2], times, axis=0).T
                 found[own] = np.arctan2(*(np.interp(when[own], times, v) for v in velocity))
         return found
+
+    def _asked(
+        self, target: npt.ArrayLike, time: npt.ArrayLike
+    ) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Return targets and times, broadcast to each other, and which of them are present."""
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        return k, when, self.present(k, when)
 
     def _between(self, rows: FloatArray, target: IntArray, time: FloatArray) -> FloatArray:
         before = self._before(target, time)

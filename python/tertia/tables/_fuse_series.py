@@ -231,12 +231,10 @@ def fusion_of(
     for name in there:
         if name not in all_sensors:
             raise RecordError(f"there are plots of sensor {name}; the sensors are {listed}")
-    for stated in given.sigmas:
-        if stated is not None and stated not in all_sensors:
-            raise ValueError(f"sigma is given for {stated}; the sensors are {listed}")
-    for name in bias:
-        if name is not None and name not in all_sensors:
-            raise ValueError(f"bias_sigma is given for {name}; the sensors are {listed}")
+    for what, stated in (("sigma", given.sigmas), ("bias_sigma", bias)):
+        for name in stated:
+            if name is not None and name not in all_sensors:
+                raise ValueError(f"{what} is given for {name}; the sensors are {listed}")
     names_of_columns = _columns(values, all_sensors)
     for at, name in enumerate(every := [*keys, *names_of_columns]):
         if name in every[:at]:
