@@ -65,7 +65,7 @@ def factors(
     noise: float | str, target: IntArray, position: FloatArray, random: np.random.Generator
 ) -> FloatArray:
     """Draw errors east and north, in the stated sigmas."""
-    errors = random.standard_normal(position.shape)
+    errors: FloatArray = random.standard_normal(position.shape)
     if isinstance(noise, float):
         return noise * errors
     if noise == "targets":
@@ -75,8 +75,9 @@ def factors(
     along = position / distance
     across = np.stack([along[:, 1], -along[:, 0]], axis=-1)
     sizes = np.hstack([1.0 + (distance / FAR) ** 2, 1.0 + distance / (3.0 * FAR)])
-    first, second = (sizes * errors).T
-    return first[:, np.newaxis] * along + second[:, np.newaxis] * across
+    own = sizes * errors
+    drawn: FloatArray = own[:, :1] * along + own[:, 1:] * across
+    return drawn
 
 
 def rounded(time: FloatArray, step: float) -> FloatArray:
