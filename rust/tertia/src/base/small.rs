@@ -22,6 +22,24 @@ pub(crate) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
     sum
 }
 
+/// `a + factor b` in place of a.
+#[inline(always)]
+pub(crate) fn add_multiple<const D: usize>(a: &mut Vector<D>, factor: f64, b: &Vector<D>) {
+    for i in 0..D {
+        a[i] += factor * b[i];
+    }
+}
+
+/// `A^T x`, row by row: in vectors, unlike sums of products. Also `A x` of a symmetric matrix.
+#[inline(always)]
+pub(crate) fn product<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
+    let mut sum = [0.0; D];
+    for k in 0..D {
+        add_multiple(&mut sum, x[k], &a[k]);
+    }
+    sum
+}
+
 pub(crate) fn norm<const D: usize>(a: &Vector<D>) -> f64 {
     dot(a, a).sqrt()
 }
@@ -31,9 +49,9 @@ pub(crate) fn rotated<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D>
     std::array::from_fn(|i| dot(&a[i], x))
 }
 
-/// `A^T x`
+/// `A^T x` of a rotation.
 pub(crate) fn rotated_back<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {
-    std::array::from_fn(|i| (0..D).map(|k| a[k][i] * x[k]).sum())
+    product(a, x)
 }
 
 /// `x^T A x`

@@ -4,7 +4,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use crate::base::small::{Matrix as Square, dot};
+use crate::base::small::{Matrix as Square, dot, product};
 
 /// Share of the information of the plots about the first state that must remain after rounding.
 const LEAST_PIVOT: f64 = 1e-11;
@@ -44,12 +44,14 @@ pub(super) fn forget_start<const N: usize>(
                 columns[c][r] = (answer[c][r] / scale[c] - inner) / factor[c][c];
             }
         }
+        let shift = product(&columns, &white);
         for r in 0..states {
             let at = k * states + r;
-            mean[at] += (0..states).map(|c| columns[c][r] * white[c]).sum::<f64>();
+            mean[at] += shift[r];
+            let row: [f64; N] = std::array::from_fn(|c| columns[c][r]);
+            let more = product(&columns, &row);
             for q in 0..states {
-                covariance[at * states + q] +=
-                    (0..states).map(|c| columns[c][r] * columns[c][q]).sum::<f64>();
+                covariance[at * states + q] += more[q];
             }
         }
     }
@@ -62,7 +64,9 @@ pub(super) fn update<const M: usize, const N: usize>(
     (ph, h, s): (&[[f64; N]; M], &[[f64; N]; M], &[f64; M]),
 ) {
     for i in (0..M).filter(|&i| s[i] > 0.0) {
-        let along = dot(&h[i], answer) / s[i];
+        // most elements of h are zero
+        let seen = (0..N).filter(|&c| h[i][c] != 0.0);
+        let along = seen.map(|c| h[i][c] * answer[c]).sum::<f64>() / s[i];
         for r in 0..N {
             answer[r] -= ph[i][r] * along;
         }
@@ -71,8 +75,8 @@ pub(super) fn update<const M: usize, const N: usize>(
 
 /// Updates a response to the first state by all later plots: `(I − P Λ) a`.
 pub(super) fn smooth<const N: usize>(answer: &mut [f64; N], p: &Square<N>, big: &Square<N>) {
-    let seen: [f64; N] = std::array::from_fn(|r| dot(&big[r], answer));
+    let change = product(p, &product(big, answer));
     for r in 0..N {
-        answer[r] -= dot(&p[r], &seen);
+        answer[r] -= change[r];
     }
 }

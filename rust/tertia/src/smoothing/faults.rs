@@ -113,6 +113,7 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     let near = search.likeliest(&turning);
     let stated = (Family::Jerk, Scale::Stated);
     if let Some(other) = settle::<M, S, N>(search, &parts, turning, near, stated)
+        && other.faults != found.faults
         && score(search, &parts, &other.faults) > score(search, &parts, &found.faults)
     {
         found = other;

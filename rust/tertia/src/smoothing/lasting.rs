@@ -7,40 +7,39 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::adjoint::{self, Adjoint};
+mod start;
+
 use super::diffuse;
+use super::information::Logarithms;
 use super::model::{Faded, Faults, Model};
 use super::motion::{self, ProcessNoise};
-use super::rows::invert;
-use super::seen::{ENOUGH, Quantity};
+use super::seen::Quantity;
 use super::track::Track;
 use crate::base::interrupt::poll;
-use crate::base::small::{Matrix as Square, dot, symmetrise};
-use pulp::Arch;
+use crate::base::small::{self, Matrix as Square, dot, symmetrise};
+use start::{State, VAGUE, VAGUE_AFTER_ALL, near, prior, vague};
 
-/// Variance of the first state relative to that given by the plots that determine it.
-const VAGUE: f64 = 1e3;
-/// Variance of the first state relative to that of the smoothed first state, if the latter is known.
-const VAGUE_AFTER_ALL: f64 = 1e4;
 /// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:
 /// the larger these are, the more digits are lost.
 const JUMP: [f64; 2] = [1e4, 10.0];
 /// Share of a variance that must remain; what is less is rounding.
 const LEAST_SHARE: f64 = 1e-11;
-/// Least share of a variance that rounding leaves.
-const FLOOR: f64 = 1e-13;
 /// Largest number of attempts, each of which starts near the result of the one before.
 const ATTEMPTS: usize = 12;
 /// Largest ratio of the variances of two attempts with which neither is due to rounding.
 const ALIKE: f64 = 30.0;
 
 /// Fit of a model: the sums of the squared innovations and of the logarithms of their variances.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     pub squares: f64,
-    pub logarithms: f64,
+    pub logarithms: Logarithms,
     /// Number of innovations.
     pub count: usize,
+}
+
+impl Fit {
+    const NONE: Self = Self { squares: 0.0, logarithms: Logarithms::NONE, count: 0 };
 }
 
 /// State and covariance before the plot of an instant, and the update by the plot.
@@ -79,9 +78,6 @@ fn are_alike<const N: usize>(own: &[f64; N], other: &[f64; N]) -> bool {
     // nan before the first attempt
     ratios.into_iter().all(|ratio| ratio > 1.0 / ALIKE && ratio < ALIKE)
 }
-
-/// Mean and covariance.
-type State<const N: usize> = ([f64; N], Square<N>);
 
 /// Smoother of a track with D axes, plots of M numbers and N = 4 D.
 pub(super) struct Lasting<const M: usize, const N: usize> {
@@ -133,15 +129,13 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
     /// Filters without keeping anything. Cost O(N D³).
     pub fn fit(&self, track: &Track<'_>, model: &Model, faults: &Faults) -> Fit {
         poll();
-        Arch::new().dispatch(|| {
-            let (mut fit, mut faded) = (Fit::default(), Faded::default());
-            let mut step = self.first();
-            for k in 0..track.len() {
-                step.arrive(track, k, model, faults, &mut faded);
-                step.update(track, k, model, faults, &mut fit);
-            }
-            fit
-        })
+        let (mut fit, mut faded) = (Fit::NONE, Faded::default());
+        let mut step = self.first();
+        for k in 0..track.len() {
+            step.arrive(track, k, model, faults, &mut faded);
+            step.update(track, k, model, faults, &mut fit);
+        }
+        fit
     }
 
     /// Smooths; returns none if rounding leaves too little of a variance. Cost O(N D³) for each attempt.
@@ -197,13 +191,14 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         for k in 0..n {
             step.arrive(track, k, model, faults, &mut faded);
             let mut after = step.clone();
-            after.update(track, k, model, faults, &mut Fit::default());
+            let mut unused = Fit::NONE;
+            after.update(track, k, model, faults, &mut unused);
             (step.ph, step.h, step.s, step.innovation) =
                 (after.ph, after.h, after.s, after.innovation);
             let t = track.times[k] - track.times[k.saturating_sub(1)];
+            let phi = model.lasting.correlation(t);
             for column in &mut answer[..states] {
                 motion::advance_row(d, column, t, 0.5 * t * t);
-                let phi = model.lasting.correlation(t);
                 column[states..].iter_mut().for_each(|noise| *noise *= phi);
             }
             self.answers.push(answer);
@@ -246,77 +241,6 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         let (x, p) = self.start;
         Step { x, p, ph: [[0.0; N]; M], h: [[0.0; N]; M], s: [0.0; M], innovation: [0.0; M] }
     }
-}
-
-/// Returns a vague state near the known first state; none if that is not finite.
-fn near<const N: usize>(
-    track: &Track<'_>,
-    (mean, covariance): (&[f64], &[f64]),
-    vague: &State<N>,
-    factor: f64,
-) -> Option<State<N>> {
-    let states = N / 4 * 3;
-    let mut trend = vec![0.0; states];
-    track.add_trend(0, &mut trend);
-    let (mut x, mut p) = *vague;
-    for i in 0..states {
-        x[i] = mean[i] - trend[i];
-        p[i] = [0.0; N];
-        p[i][i] = factor * covariance[i * (states + 1)].max(FLOOR * vague.1[i][i]);
-    }
-    (0..states).all(|i| x[i].is_finite() && p[i][i].is_finite()).then_some((x, p))
-}
-
-/// Returns a state at the first instant that agrees with the first plots, but has a far too large covariance.
-fn vague<const M: usize, const S: usize>(
-    track: &Track<'_>,
-    motion: ProcessNoise,
-) -> Option<([f64; S], Square<S>)> {
-    if track.seen.iter().any(|seen| seen.count < ENOUGH) {
-        return None;
-    }
-    let mut adjoint = Adjoint::<M, S>::default();
-    let (mut step, ..) = adjoint.open(track, motion, None, &mut [])?;
-    let t = track.times[adjoint.start] - track.times[0];
-    let mut noise = adjoint::Step::<M, S>::new();
-    noise.predict(t, motion);
-    for part in [&mut step, &mut noise] {
-        part.predict(-t, ProcessNoise::with_jerk(0.0));
-    }
-    for i in 0..S {
-        for j in 0..S {
-            step.p[i][j] = VAGUE * (step.p[i][j] + noise.p[i][j]);
-        }
-    }
-    Some((step.x, step.p))
-}
-
-/// Returns the prior at the first instant, which is given as rows of information.
-fn prior<const S: usize>(track: &Track<'_>) -> ([f64; S], Square<S>) {
-    // the rows are those of N = L^-1, where L is the factor of the covariance
-    let width = S + 1;
-    let mut lower = vec![0.0; S * S];
-    let mut upper = vec![0.0; S * width];
-    for i in 0..S {
-        for j in 0..S {
-            upper[j * width + i] = track.prior[i * width + j];
-        }
-    }
-    invert(&upper, width, S, &mut lower);
-    // inverse of the transpose: rows of `lower` are columns of L
-    let l = |i: usize, j: usize| lower[j * S + i];
-    let mut x = [0.0; S];
-    let mut p = [[0.0; S]; S];
-    for i in 0..S {
-        x[i] = (0..S).map(|k| l(i, k) * track.prior[k * width + S]).sum();
-        for j in 0..S {
-            p[i][j] = (0..S).map(|k| l(i, k) * l(j, k)).sum();
-        }
-    }
-    for (x, reference) in x.iter_mut().zip(track.reference(0)) {
-        *x += reference;
-    }
-    (x, p)
 }
 
 impl<const M: usize, const N: usize> Step<M, N> {
@@ -396,9 +320,15 @@ impl<const M: usize, const N: usize> Step<M, N> {
             // a missing component has no row, and no column in the rows of the others
             let there = (0..=i).filter(|&j| !plot[j].is_nan());
             let measured: f64 = there.map(|j| h[j] * plot[j]).sum();
-            let innovation = measured + late - dot(&h, &self.x);
-            let ph: [f64; N] = std::array::from_fn(|r| dot(&self.p[r], &h));
-            let s = (1.0 - share) * variance + dot(&ph, &h);
+            // most elements of h are zero
+            let seen = || (0..N).filter(|&c| h[c] != 0.0);
+            let (mut predicted, mut ph) = (0.0, [0.0; N]);
+            for c in seen() {
+                predicted += h[c] * self.x[c];
+                small::add_multiple(&mut ph, h[c], &self.p[c]);
+            }
+            let innovation = measured + late - predicted;
+            let s = (1.0 - share) * variance + seen().map(|c| ph[c] * h[c]).sum::<f64>();
             let reciprocal = 1.0 / s;
             let gain = innovation * reciprocal;
             for r in 0..N {
@@ -408,7 +338,8 @@ impl<const M: usize, const N: usize> Step<M, N> {
                 }
             }
             fit.squares += innovation * gain;
-            fit.logarithms += s.ln();
+            // a variance lost to rounding leaves no likelihood
+            fit.logarithms.add(if s > 0.0 { s } else { f64::NAN });
             fit.count += 1;
             (self.h[i], self.ph[i], self.s[i], self.innovation[i]) = (h, ph, s, innovation);
         }
@@ -426,7 +357,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         for r in 0..N {
             l[r] += h[r] * along;
         }
-        let moved: [f64; N] = std::array::from_fn(|r| dot(&big[r], &gain));
+        let moved = small::product(big, &gain);
         let square = dot(&moved, &gain) + reciprocal;
         for r in 0..N {
             for c in 0..N {
@@ -439,10 +370,9 @@ impl<const M: usize, const N: usize> Step<M, N> {
     fn smoothed_covariance(&self, big: &Square<N>, components: usize, out: &mut [f64]) -> bool {
         let mut is_well = true;
         for i in 0..components {
-            let row: [f64; N] =
-                std::array::from_fn(|c| (0..N).map(|k| self.p[i][k] * big[k][c]).sum());
+            let shift = small::product(&self.p, &small::product(big, &self.p[i]));
             for j in 0..=i {
-                let value = self.p[i][j] - dot(&row, &self.p[j]);
+                let value = self.p[i][j] - shift[j];
                 out[i * components + j] = value;
                 out[j * components + i] = value;
             }
@@ -453,6 +383,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
 }
 
 /// `F' λ` and `F' Λ F`
+#[inline(always)]
 fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>) {
     if t == 0.0 {
         return;

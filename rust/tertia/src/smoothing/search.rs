@@ -7,6 +7,7 @@ use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::Smoothed;
 use super::track::Track;
+use std::cell::RefCell;
 
 /// Prior standard deviations of the logarithms of the noise factor and of that of velocities.
 const FACTOR_SIGMA: f64 = 0.5;
@@ -70,6 +71,14 @@ pub(super) struct Search<'a, const M: usize, const N: usize> {
     used: usize,
     /// Logarithm of a jerk that hardly shows within the track.
     pub low: f64,
+    fits: RefCell<Fits>,
+}
+
+/// Fits of models with the same faults: searches return to the same models.
+#[derive(Default)]
+struct Fits {
+    faults: Faults,
+    known: Vec<(Model, Fit)>,
 }
 
 impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
@@ -84,13 +93,14 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let engine = Lasting::new::<S>(track, fit.motion)?;
         let engine = engine.near(track, &white.mean[..S], &white.covariance[..S * S]);
         let used = if track.prior.is_empty() { S } else { 0 };
-        Some(Self { track, engine, jerk, used, low })
+        Some(Self { track, engine, jerk, used, low, fits: RefCell::default() })
     }
 
     /// Starts anew with a state as vague as this motion makes it.
     pub fn restart<const S: usize>(&mut self, motion: ProcessNoise) {
         if let Some(engine) = Lasting::new::<S>(self.track, motion) {
             self.engine = engine.after(&self.engine);
+            self.fits.take();
         }
     }
 
@@ -106,7 +116,11 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
     ) -> Candidate {
         let motion = family.of(self.track);
         let unit = OFFSET_STEP * median_step(self.track);
-        let of = |[log, velocity_factor, lag]: [f64; 3]| {
+        let low = range(self.track, family.power()).map_or(self.low, |(low, _)| low);
+        let start =
+            [near.intensity.max(low), near.velocity_factor, near.velocity_time_offset / unit];
+        let of = |offset: [f64; 3]| {
+            let [log, velocity_factor, lag] = std::array::from_fn(|i| start[i] + offset[i]);
             let model = Model {
                 motion: motion(log),
                 lasting,
@@ -118,17 +132,16 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
                 None => self.candidate(model, scale, faults),
             }
         };
-        let low = range(self.track, family.power()).map_or(self.low, |(low, _)| low);
         let is_moving = self.track.numbers > self.track.dimension;
         let is_doubted = is_moving && matches!(scale, Scale::Prior | Scale::Larger);
         let searched = [self.jerk.is_none(), is_doubted, is_doubted];
-        let mut at =
-            [near.intensity.max(low), near.velocity_factor, near.velocity_time_offset / unit];
+        // the offset is a multiple of the last step, so that the search may return to the same models
+        let mut at = [0.0; 3];
         let (mut best, mut step, mut steps) = (of(at), STEP, 0);
         for _ in 0..=HALVINGS {
             for axis in (0..3).filter(|&axis| searched[axis]) {
                 for direction in [step, -step] {
-                    while steps < MOST_STEPS && (axis > 0 || at[0] + direction >= low) {
+                    while steps < MOST_STEPS && (axis > 0 || start[0] + at[0] + direction >= low) {
                         let mut next = at;
                         next[axis] += direction;
                         let other = of(next);
@@ -144,9 +157,7 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         }
         for doubt in 1..3 {
             let mut stated = at;
-            if std::mem::take(&mut stated[doubt]) == 0.0 {
-                continue;
-            }
+            stated[doubt] = -start[doubt];
             let other = of(stated);
             if other.value > best.value {
                 (at, best) = (stated, other);
@@ -167,6 +178,9 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
     /// Returns the likeliest motion with white jerk over the whole range, with the noise as stated, as the
     /// start of a search.
     pub fn likeliest(&self, faults: &Faults) -> Near {
+        if self.jerk.is_some() {
+            return Near::intensity(self.low);
+        }
         let motion = Family::Jerk.of(self.track);
         let (low, high) = range(self.track, Family::Jerk.power()).unwrap_or((self.low, self.low));
         let count = ((high - low) / SCAN).ceil() as usize;
@@ -199,8 +213,21 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         found
     }
 
-    fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
+    fn fit(&self, model: Model, faults: &Faults) -> Fit {
+        let mut fits = self.fits.borrow_mut();
+        if fits.faults != *faults {
+            *fits = Fits { faults: faults.clone(), known: Vec::new() };
+        }
+        if let Some((_, fit)) = fits.known.iter().find(|(known, _)| *known == model) {
+            return *fit;
+        }
         let fit = self.engine.fit(self.track, &model, faults);
+        fits.known.push((model, fit));
+        fit
+    }
+
+    fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
+        let fit = self.fit(model, faults);
         let n = fit.count.saturating_sub(self.used) as f64;
         let (log_factor, value) = scaled(&fit, n, scale);
         let value = match scale {
@@ -224,9 +251,10 @@ fn prior(model: &Model, factor: f64) -> f64 {
 
 /// Returns the logarithm of the noise factor, and that of the likelihood with the prior of the factor.
 fn scaled(fit: &Fit, n: f64, scale: Scale) -> (f64, f64) {
+    let logarithms = fit.logarithms.total();
     let value = |log: f64, precision: f64| {
         let misfit = fit.squares * (-2.0 * log).exp();
-        -0.5 * (misfit + fit.logarithms + 2.0 * n * log + precision * log * log)
+        -0.5 * (misfit + logarithms + 2.0 * n * log + precision * log * log)
     };
     if n < 1.0 || scale == Scale::Stated {
         return (0.0, value(0.0, 0.0));
