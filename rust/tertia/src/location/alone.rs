@@ -106,8 +106,9 @@ impl Locator {
             return None;
         }
         let evidence = self.evidence(instant, 0, (free, &[factor; KINDS]), workspace)?;
-        let sum: f64 = evidence.likelihood.iter().map(|l| (l - evidence.likelihood[0]).exp()).sum();
-        let weight = evidence.likelihood[0] + sum.ln() + prior(doublings).ln();
+        let likelihood = evidence.likelihood.by_share();
+        let sum: f64 = likelihood.iter().map(|l| (l - likelihood[0]).exp()).sum();
+        let weight = likelihood[0] + sum.ln() + prior(doublings).ln();
         let is_bounded = fix.status == Status::None && is_within_distance(instant, &solution);
         Some(Hypothesis { factor, weight, fix, solution, is_bounded })
     }

@@ -20,7 +20,7 @@
 //! zero, of residuals that are l instants apart, n instants count as `n / (1 + 2 Σ ρ_l²)` (Bartlett
 //! 1935, for squares).
 
-use super::evidence::{ByShare, Evidence, Kept};
+use super::evidence::{ByShare, Evidence, Kept, Likelihood};
 use super::fix::{Fix, Instant, Solution, Status};
 use super::growth::{agreeing, growth_of_all};
 use super::lane::LANES;
@@ -161,10 +161,8 @@ pub(super) struct Sums {
     counts: [f64; KINDS],
     /// 5 K residuals of each instant; 0 where there is none.
     residual: Vec<f64>,
-    /// Restricted log likelihood of each instant for each share of outliers; nan if it has no position.
-    likelihood: Vec<ByShare>,
-    /// The same on the assumption that all redundant measurements are outliers.
-    none: Vec<ByShare>,
+    /// Restricted likelihood of each instant; `None` if it has no position.
+    likelihood: Vec<Option<Likelihood>>,
     /// Number of rejected measurements.
     rejected: f64,
     /// Number of measurements that are not rejected.
@@ -374,25 +372,24 @@ impl Locator {
     ) {
         let at = sums.residual.len();
         sums.residual.resize(at + free.len(), 0.0);
-        sums.likelihood.push(ByShare::default().map(|_| f64::NAN));
-        sums.none.push(ByShare::default().map(|_| f64::NAN));
-        let fix = self.finished(instant, lane, workspace);
-        if fix.degrees_of_freedom < 1 {
+        sums.likelihood.push(None);
+        let (status, redundancy) = self.status(instant, lane, workspace);
+        if redundancy < 1 {
             return;
         }
-        if fix.status != Status::None {
+        if status != Status::None {
             sums.lost += 1.0;
             return;
         }
         sums.found += 1.0;
         if let Some(evidence) = self.evidence(instant, lane, (free, factor), workspace) {
-            sums.add(&evidence, at, free.len() / KINDS);
+            sums.add(evidence, at, free.len() / KINDS);
         }
     }
 }
 
 impl Sums {
-    fn add(&mut self, evidence: &Evidence, at: usize, stations: usize) {
+    fn add(&mut self, evidence: Evidence, at: usize, stations: usize) {
         self.kept += evidence.kept as f64;
         self.rejected += evidence.rejected as f64;
         for &Kept { place, residual, square, freedom } in &evidence.free {
@@ -401,8 +398,8 @@ impl Sums {
             self.counts[place / stations] += 1.0;
             self.residual[at + place] = residual;
         }
-        if let (Some(own), Some(other)) = (self.likelihood.last_mut(), self.none.last_mut()) {
-            (*own, *other) = (evidence.likelihood, evidence.none);
+        if let Some(own) = self.likelihood.last_mut() {
+            *own = Some(evidence.likelihood);
         }
     }
 
@@ -417,10 +414,11 @@ impl Sums {
     /// Returns the largest restricted log likelihood of an instant, on average over those that have a
     /// position, for any share of outliers.
     pub fn mean_ln_likelihood(&self) -> f64 {
-        let known = || self.likelihood.iter().filter(|own| !own[0].is_nan());
-        let of = |share: usize| known().map(|own| own[share]).sum::<f64>();
+        let known = self.likelihood.iter().flatten().map(Likelihood::by_share);
+        let known: Vec<_> = known.filter(|own| !own[0].is_nan()).collect();
+        let of = |share: usize| known.iter().map(|own| own[share]).sum::<f64>();
         let most = (0..ByShare::default().len()).map(of).fold(f64::NEG_INFINITY, f64::max);
-        most / known().count() as f64
+        most / known.len() as f64
     }
 
     /// Returns the factor for all kinds together.
@@ -433,15 +431,16 @@ impl Sums {
     /// instant counts as if all its redundant measurements were outliers.
     fn explains_better_than(&self, other: &Self) -> bool {
         let mut sums = [ByShare::default(); 2];
-        for at in 0..self.likelihood.len() {
-            let [mut own, mut others] = [self.likelihood[at], other.likelihood[at]];
-            if own[0].is_nan() && self.loses_many() {
-                own = other.none[at];
-            }
-            if others[0].is_nan() && other.loses_many() {
-                others = self.none[at];
-            }
-            // instants without a position in both are left out
+        for pair in self.likelihood.iter().zip(&other.likelihood) {
+            let (own, others) = match pair {
+                (Some(own), Some(others)) => (own.by_share(), others.by_share()),
+                (None, Some(others)) if self.loses_many() => {
+                    (others.of_outliers(), others.by_share())
+                }
+                (Some(own), None) if other.loses_many() => (own.by_share(), own.of_outliers()),
+                // instants without a position in both are left out
+                _ => continue,
+            };
             if own[0].is_nan() || others[0].is_nan() {
                 continue;
             }

@@ -28,16 +28,58 @@ pub(super) type ByShare = [f64; SHARES.len()];
 
 /// What the residuals of an instant say about the sigmas.
 pub(super) struct Evidence {
-    /// Restricted log likelihood.
-    pub likelihood: ByShare,
-    /// Restricted log likelihood if all redundant measurements were outliers.
-    pub none: ByShare,
+    pub likelihood: Likelihood,
     /// Number of measurements that are kept.
     pub kept: usize,
     /// Number of measurements that are rejected.
     pub rejected: usize,
     /// Kept measurements whose sigmas may be wrong.
     pub free: Vec<Kept>,
+}
+
+/// Restricted likelihood of an instant.
+pub(super) struct Likelihood {
+    /// Logarithm of the reciprocal root of the determinant of the normal matrix.
+    ln_root: f64,
+    /// Share of the measurements that are redundant.
+    redundant: f64,
+    /// Residual of each measurement, and the factor of its variance.
+    rows: Vec<(f64, f64)>,
+}
+
+impl Likelihood {
+    /// Returns the restricted log likelihood.
+    pub fn by_share(&self) -> ByShare {
+        let mut sum = [self.ln_root; SHARES.len()];
+        for &(residual, unit) in &self.rows {
+            let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
+            let flat = flat(residual, unit);
+            for (sum, share) in sum.iter_mut().zip(SHARES) {
+                *sum += ((1.0 - share) * normal + share * flat).ln();
+            }
+        }
+        sum
+    }
+
+    /// Returns the restricted log likelihood if all redundant measurements were outliers.
+    pub fn of_outliers(&self) -> ByShare {
+        let (redundant, mut sum) = (self.redundant, [self.ln_root; SHARES.len()]);
+        for &(residual, unit) in &self.rows {
+            let flat = flat(residual, unit);
+            for (sum, share) in sum.iter_mut().zip(SHARES) {
+                // the rest fits exactly; with these terms the determinant becomes that for the stated
+                // sigmas
+                *sum += redundant * (share * flat).ln()
+                    + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
+            }
+        }
+        sum
+    }
+}
+
+/// Density of an outlier with this residual, relative to the normal density at 0.
+fn flat(residual: f64, unit: f64) -> f64 {
+    FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0)
 }
 
 /// A measurement that is kept.
@@ -96,23 +138,17 @@ impl<const D: usize, const N: usize> Record<D, N> {
         let step = lower.solve(&vector);
         let variance = if loss == Loss::SQUARE { 1.0 } else { KEPT_VARIANCE };
         let stations = free.len() / KINDS;
-        let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
-        let mut none = likelihood;
-        let redundant = 1.0 - N as f64 / rows.len() as f64;
+        let mut likelihood = Likelihood {
+            ln_root: -0.5 * lower.ln_determinant(),
+            redundant: 1.0 - N as f64 / rows.len() as f64,
+            rows: Vec::with_capacity(rows.len()),
+        };
         let mut found = Vec::with_capacity(rows.len());
         for ((row, &place), &kept) in rows.iter().zip(places).zip(&keeps) {
             let is_free = place != NOWHERE && free[place];
             let residual = row.residual - dot(&row.gradient, &step);
             let unit = if is_free { factor[place / stations] } else { 1.0 };
-            let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
-            let flat = FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0);
-            for (i, share) in SHARES.into_iter().enumerate() {
-                likelihood[i] += ((1.0 - share) * normal + share * flat).ln();
-                // the rest fits exactly; with these terms the determinant becomes that for the stated
-                // sigmas
-                none[i] += redundant * (share * flat).ln()
-                    + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
-            }
+            likelihood.rows.push((residual, unit));
             if kept && is_free {
                 let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
                 let (square, freedom) = (residual * residual / variance, (1.0 - leverage).max(0.0));
@@ -120,7 +156,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
             }
         }
         let kept = keeps.iter().filter(|keep| **keep).count();
-        Some(Evidence { likelihood, none, kept, rejected: keeps.len() - kept, free: found })
+        Some(Evidence { likelihood, kept, rejected: keeps.len() - kept, free: found })
     }
 }
 

@@ -9,6 +9,7 @@
 
 use super::descent::{FLAT, Loss, Outliers};
 use super::fix::{Fix, Instant, Solution, Status};
+use super::lane::LANES;
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::sensors::{KINDS, Kind};
@@ -114,19 +115,25 @@ impl Locator {
 
     fn count<const D: usize>(&self, sample: &[Instant<'_>], workspace: &mut Workspace<D>) -> Count {
         let mut count = Count::default();
-        for instant in sample {
-            let mut solution = Solution::<D>::of(instant);
+        for group in sample.chunk_by(|a, b| self.has_arrivals(a) == self.has_arrivals(b)) {
             // without arrivals, the better of two equally good positions is counted; with arrivals, the
             // worse one may be right, so the instant counts as ambiguous
-            let timed = self.has_arrivals(instant);
-            let locator = if timed { *self } else { self.deciding() };
-            let fix = locator.locate(instant, &mut solution.output(), workspace);
-            let Solution { residual, outlier, .. } = solution;
-            if self.expects_outliers(instant, &fix) {
-                count.add(&self.heard(instant, &outlier), fix.status);
-                if !timed {
-                    let loss = self.loss(fix.degrees_of_freedom as usize, false);
-                    count.add_sizes(&residual, &outlier, loss);
+            let timed = self.has_arrivals(&group[0]);
+            let locator = if timed { *self } else { self.deciding().trusting() };
+            for block in group.chunks(LANES) {
+                let mut solutions: Vec<_> = block.iter().map(Solution::<D>::of).collect();
+                let mut out: Vec<_> = solutions.iter_mut().map(Solution::output).collect();
+                let mut fixes = vec![Fix::UNKNOWN; block.len()];
+                locator.locate_all(block, &mut out, &mut fixes, workspace);
+                for ((instant, own), fix) in block.iter().zip(&solutions).zip(&fixes) {
+                    if !self.expects_outliers(instant, fix) {
+                        continue;
+                    }
+                    count.add(&self.heard(instant, &own.outlier), fix.status);
+                    if !timed {
+                        let loss = self.loss(fix.degrees_of_freedom as usize, false);
+                        count.add_sizes(&own.residual, &own.outlier, loss);
+                    }
                 }
             }
         }

@@ -12,6 +12,8 @@
 //! `P(φ = 1)` is .5, and the growth is the factor of P itself.
 
 use crate::base::distribution::chi_square_upper;
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Prior probability that the sigmas are right.
 const RIGHT: f64 = 0.8;
@@ -29,13 +31,14 @@ pub(super) const OUTSIDE: f64 = 0.05;
 pub(super) const LIMIT: [f64; 2] = [5.991_464_547_107_979, 7.814_727_903_251_179];
 /// Upper normal quantile at 10 %.
 const QUANTILE: f64 = 1.281_551_565_544_600_4;
-/// Number of steps of the bisection of a logarithm.
-const HALVINGS: usize = 40;
+/// Largest number of steps towards the logarithm of a factor, and its accuracy.
+const HALVINGS: usize = 50;
+const SETTLED: f64 = 1e-13;
 /// Relative weight below which terms are left out.
 const LEAST_WEIGHT: f64 = 1e-12;
 
 /// Returns the growth of a covariance of D coordinates if residuals of `freedom` degrees of freedom,
-/// which may be fractional, have this sum of squares. O(1), about 5 µs if the growth is not 1.
+/// which may be fractional, have this sum of squares. O(1), a few µs if the growth is not 1.
 pub(super) fn growth<const D: usize>(statistic: f64, freedom: f64) -> f64 {
     if !contradicts(statistic, freedom) {
         return 1.0;
@@ -71,19 +74,33 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
     let largest = 1.0 + RANGE.1 * RANGE.1;
     let beyond = (statistic / (freedom * largest)).max(1.0);
     let statistic = statistic / beyond;
-    let mut terms = [(0.0, 0.0); STEPS + 1];
+    let others = (1.0 - right).ln();
+    let likelihood = |own: &Size| -0.5 * (freedom * own.ln_factor + statistic / own.factor);
+    let mut terms = [(1.0, right.ln() - 0.5 * statistic); STEPS + 1];
+    for (term, own) in terms[1..].iter_mut().zip(SIZES.iter()) {
+        *term = (own.factor, others + own.ln_prior + likelihood(own));
+    }
+    beyond * containing::<D>(&mut terms)
+}
+
+/// A value of φ other than 1, and its prior probability among these.
+struct Size {
+    factor: f64,
+    ln_factor: f64,
+    ln_prior: f64,
+}
+
+static SIZES: LazyLock<[Size; STEPS]> = LazyLock::new(|| {
     let ratio = (RANGE.1 / RANGE.0).ln() / (STEPS - 1) as f64;
     let root = |j: usize| RANGE.0 * (ratio * j as f64).exp();
     let density = |t: f64| t / (1.0 + (t / SCALE).powi(2));
     let total: f64 = (0..STEPS).map(|j| density(root(j))).sum();
-    for (j, term) in terms.iter_mut().enumerate() {
-        let t = if j == 0 { 0.0 } else { root(j - 1) };
-        let prior = if j == 0 { right } else { (1.0 - right) * density(t) / total };
-        let factor = 1.0 + t * t;
-        *term = (factor, prior.ln() - 0.5 * (freedom * factor.ln() + statistic / factor));
-    }
-    beyond * containing::<D>(&mut terms)
-}
+    std::array::from_fn(|j| {
+        let factor = 1.0 + root(j) * root(j);
+        let ln_prior = (density(root(j)) / total).ln();
+        Size { factor, ln_factor: factor.ln(), ln_prior }
+    })
+});
 
 /// Returns the factor with which the ellipse contains 95 % of a mixture of factors, each with the logarithm
 /// of its weight.
@@ -94,21 +111,50 @@ pub(super) fn containing<const D: usize>(terms: &mut [(f64, f64)]) -> f64 {
         term.1 = (term.1 - highest).exp();
         sum += term.1;
     }
-    let counting = |term: &&(f64, f64)| term.1 > LEAST_WEIGHT * sum;
-    let outside = |m: f64| {
-        let tail = |(factor, weight): &(f64, f64)| weight * upper::<D>(m / factor);
-        terms.iter().filter(counting).map(tail).sum::<f64>() / sum
-    };
-    let (mut low, mut high) = (0.0, (1.0 + RANGE.1 * RANGE.1).ln());
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if outside(middle.exp()) > OUTSIDE { low = middle } else { high = middle }
+    let mut counting = 0;
+    for at in 0..terms.len() {
+        if terms[at].1 > LEAST_WEIGHT * sum {
+            terms[counting] = terms[at];
+            counting += 1;
+        }
     }
-    (0.5 * (low + high)).exp()
+    let terms = &terms[..counting];
+    let mean = terms.iter().map(|(factor, weight)| weight * factor).sum::<f64>() / sum;
+    let (mut low, mut high) = (0.0, (1.0 + RANGE.1 * RANGE.1).ln());
+    let mut log = mean.ln().clamp(low, high);
+    // Newton's method, with halvings where it leaves the interval
+    for _ in 0..HALVINGS {
+        let (mut outside, mut slope) = (0.0, 0.0);
+        for &(factor, weight) in terms {
+            let (tail, decrease) = upper::<D>(log.exp() / factor);
+            outside += weight * tail / sum;
+            slope += weight * decrease / sum;
+        }
+        if outside > OUTSIDE {
+            low = log
+        } else {
+            high = log
+        }
+        let mut next = log + (outside / OUTSIDE).ln() * outside / slope;
+        if !(low < next && next < high) {
+            next = 0.5 * (low + high);
+        }
+        let step = next - log;
+        log = next;
+        if step.abs() < SETTLED {
+            break;
+        }
+    }
+    log.exp()
 }
 
-/// Returns `P(χ²_D > m LIMIT)`.
-fn upper<const D: usize>(m: f64) -> f64 {
+/// Returns `P(χ²_D > m LIMIT)`, and by how much it decreases with the logarithm of m.
+fn upper<const D: usize>(m: f64) -> (f64, f64) {
     let x = m * LIMIT[D - 2];
-    if D == 2 { (-0.5 * x).exp() } else { chi_square_upper(x, D) }
+    let tail = (-0.5 * x).exp();
+    if D == 2 {
+        (tail, 0.5 * x * tail)
+    } else {
+        (chi_square_upper(x, D), x * (x / TAU).sqrt() * tail)
+    }
 }

@@ -38,13 +38,17 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         unit: f64,
     ) -> Result<Option<Matrix<D>>, Unbounded> {
         let p: Vector<D> = position(&minimum.state);
-        let distance = |station: &Vector<D>| norm::<D>(&std::array::from_fn(|i| p[i] - station[i]));
-        let stations = self.problem.measurements.iter().map(|m| distance(&m.station));
-        let nearest = stations.fold(f64::INFINITY, f64::min);
+        let square = |station: &Vector<D>| (0..D).map(|i| (p[i] - station[i]).powi(2)).sum::<f64>();
+        let stations = self.problem.measurements.iter().map(|m| square(&m.station));
+        let nearest = stations.fold(f64::INFINITY, f64::min).sqrt();
         let mut rest = *covariance;
         let mut found = *covariance;
         let mut curved = false;
         for _ in 0..D {
+            let trace: f64 = (0..D).map(|i| rest[i][i]).sum();
+            if trace.sqrt() <= SMALL * nearest {
+                break;
+            }
             let (axis, variance) = longest(&rest);
             let sigma = variance.sqrt();
             // also stops for nan and infinity

@@ -283,7 +283,61 @@ impl Locator {
         }
     }
 
-    /// Computes the results of a record from the minimum that its start led to, or from other minima.
+    /// Returns the status of an instant of a block, and its degrees of freedom. The residuals remain in the
+    /// workspace.
+    pub(super) fn status<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        at: usize,
+        workspace: &mut Workspace<D>,
+    ) -> (Status, i64) {
+        fn of<const D: usize, const N: usize>(
+            locator: &Locator,
+            instant: &Instant<'_>,
+            at: usize,
+            room: &mut Room<D, N>,
+        ) -> (Status, i64) {
+            let settled = locator.settle(instant, &mut room.records[at], &mut room.buffers);
+            let redundancy = room.records[at].measurements.len() as i64 - N as i64;
+            (settled.err().unwrap_or(Status::None), redundancy)
+        }
+        let Workspace { own, plane, space } = workspace;
+        match (D, self.has_arrivals(instant)) {
+            (_, false) => of(self, instant, at, own),
+            (2, true) => of(self, instant, at, plane),
+            _ => of(self, instant, at, space),
+        }
+    }
+
+    /// Returns the minimum that the start of a record led to, or another one, with its covariance, and sets the
+    /// rows of the record.
+    fn settle<const D: usize, const N: usize>(
+        &self,
+        instant: &Instant<'_>,
+        record: &mut Record<D, N>,
+        buffers: &mut Buffers<D, N>,
+    ) -> Result<Settled<D, N>, Status> {
+        let count = record.measurements.len();
+        if count < N {
+            return Err(Status::TooFew);
+        }
+        let minimum = self.minimum(instant, record, buffers)?;
+        if record.first.is_none_or(|first| first.state != minimum.state) {
+            record.rows.clear();
+            record.rows.extend(record.measurements.iter().map(|m| m.row_at(&minimum.state)));
+        }
+        let search = record.search(self.loss(count - N, N > D));
+        let summary = search.summary(&minimum, self.lenth(), &record.rows);
+        let growth = match summary.kept {
+            (square, freedom) if self.grows && !record.unknown => growth::<D>(square, freedom),
+            _ => 1.0,
+        };
+        let covariance = self.covariance(record, &search, &minimum, &summary, growth);
+        let covariance = covariance.map_err(|Unbounded| Status::IllConditioned)?;
+        Ok(Settled { minimum, summary, growth, covariance })
+    }
+
+    /// Computes the results of a record.
     fn finish<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
@@ -300,27 +354,12 @@ impl Locator {
         let count = record.measurements.len();
         let failed =
             |status| Fix { status, degrees_of_freedom: count as i64 - N as i64, ..Fix::UNKNOWN };
-        if count < N {
-            return failed(Status::TooFew);
-        }
-        let minimum = match self.minimum(instant, record, buffers) {
-            Ok(minimum) => minimum,
-            Err(status) => return failed(status),
-        };
-        if record.first.is_none_or(|first| first.state != minimum.state) {
-            record.rows.clear();
-            record.rows.extend(record.measurements.iter().map(|m| m.row_at(&minimum.state)));
-        }
+        let Settled { minimum, summary, growth, mut covariance } =
+            match self.settle(instant, record, buffers) {
+                Ok(settled) => settled,
+                Err(status) => return failed(status),
+            };
         let search = record.search(self.loss(count - N, N > D));
-        let summary = search.summary(&minimum, self.lenth(), &record.rows);
-        let growth = match summary.kept {
-            (square, freedom) if self.grows && !record.unknown => growth::<D>(square, freedom),
-            _ => 1.0,
-        };
-        let Ok(mut covariance) = self.covariance(record, &search, &minimum, &summary, growth)
-        else {
-            return failed(Status::IllConditioned);
-        };
         let origin = first::<D>(instant.stations);
         for (i, (value, o)) in out.position.iter_mut().zip(origin).enumerate() {
             *value = minimum.state[i] + o;
@@ -445,6 +484,14 @@ impl Locator {
             _ => None,
         }
     }
+}
+
+/// The minimum of a record, and what its results follow from.
+struct Settled<const D: usize, const N: usize> {
+    minimum: Minimum<N>,
+    summary: Summary<N>,
+    growth: f64,
+    covariance: Matrix<D>,
 }
 
 /// Returns the first station. Positions are relative to it, so that large coordinates do not cost digits.
