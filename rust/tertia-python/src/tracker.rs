@@ -394,13 +394,23 @@ impl Plots for View<'_> {
     }
 
     #[inline]
+    fn radar(&self, index: usize) -> usize {
+        self.sensor[index] as usize
+    }
+
+    #[inline]
+    fn height(&self, index: usize) -> f64 {
+        self.height[index]
+    }
+
+    #[inline]
     fn get(&self, index: usize) -> Plot {
         Plot {
             time: self.time[index],
             range: self.range[index],
             azimuth: self.azimuth[index],
-            radar: self.sensor[index] as usize,
-            height: self.height[index],
+            radar: self.radar(index),
+            height: self.height(index),
             identities: self.identities.get(index),
             detection: Detection::of(self.detection[index]),
             report: self.report(index),

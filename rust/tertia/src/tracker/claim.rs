@@ -81,13 +81,14 @@ impl Claim {
 }
 
 /// Returns the centre and the half widths of the box in which plots of a track by this radar may be between
-/// `begin` and `end`; none if the radar does not see the track in that time.
+/// `begin` and `end`; none if the radar does not see the track in that time. `height` and `unseen` are those of
+/// the track, the same for all radars.
 #[inline]
 pub(super) fn reach(
     track: &Track,
     radar: usize,
     (begin, end): (f64, f64),
-    unseen: (f64, f64),
+    (height, unseen): (f64, (f64, f64)),
     settings: &Settings,
     spread: &Spread,
 ) -> Option<([f64; 2], [f64; 2])> {
@@ -119,7 +120,7 @@ pub(super) fn reach(
     let noise = if geometry.is_position() {
         Plane { xx: spread.variance, xy: 0.0, yy: spread.variance }
     } else {
-        station.at_worst().noise_at(centre, track.height() - station.position[2])
+        station.at_worst().noise_at(centre, height - station.position[2])
     };
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, radar, unseen, settings);

@@ -157,14 +157,9 @@ impl Clutter {
         self.patches.as_ref().is_some_and(|patches| patches.is_same(one, other))
     }
 
-    /// Log-likelihood ratio, target against false plot, of the channels that detected a plot and of its
-    /// place, relative to all plots of the radar.
-    pub fn gain(&self, radar: &Radar, plot: &Measured) -> f64 {
-        let by_way = gain_by_way(&self.all(), radar, plot.detection);
-        let Some(patches) = &self.patches else { return by_way };
-        let mean = self.density(radar);
-        let ratio = patches.ratio(plot.position, mean, 0.0);
-        by_way - ratio.max(self.again(radar, plot, mean)).ln()
+    /// What is known of it at present, for many plots.
+    pub fn now<'a>(&'a self, radar: &'a Radar) -> Now<'a> {
+        Now { clutter: self, radar, all: self.all(), mean: self.density(radar) }
     }
 
     /// Ratio of the density at the place of a plot to the mean density, by fixed echoes.
@@ -192,15 +187,13 @@ impl Clutter {
     }
 
     /// Counts the place of a plot that no confirmed track has taken, unless second plots of targets, with the
-    /// density `second`, are denser there than false plots.
-    fn note(&mut self, plot: &Measured, second: f64, radar: &Radar) {
-        if self.patches.is_none() || second > self.density(radar) {
+    /// density `second`, are denser there than false plots, which have a `mean` density.
+    fn note(&mut self, plot: &Measured, second: f64, (radar, mean): (&Radar, f64)) {
+        if self.patches.is_none() || second > mean {
             return;
         }
-        let range = self.range(radar);
-        if !self.is_fixed(radar, plot)
-            && let Some(patches) = &mut self.patches
-        {
+        let (range, is_fixed) = (self.range(radar), self.again(radar, plot, mean) > FIXED);
+        if !is_fixed && let Some(patches) = &mut self.patches {
             patches.add(plot.position, range);
         }
         self.stays(radar, plot);
@@ -355,6 +348,25 @@ impl Clutter {
     }
 }
 
+/// The density of false plots of one sensor at present.
+pub(super) struct Now<'a> {
+    clutter: &'a Clutter,
+    radar: &'a Radar,
+    all: Tally,
+    mean: f64,
+}
+
+impl Now<'_> {
+    /// Log-likelihood ratio, target against false plot, of the channels that detected a plot and of its
+    /// place, relative to all plots of the radar.
+    pub fn gain(&self, plot: &Measured) -> f64 {
+        let by_way = gain_by_way(&self.all, self.radar, plot.detection);
+        let Some(patches) = &self.clutter.patches else { return by_way };
+        let ratio = patches.ratio(plot.position, self.mean, 0.0);
+        by_way - ratio.max(self.clutter.again(self.radar, plot, self.mean)).ln()
+    }
+}
+
 /// Counts the places of the plots before `hold` that no confirmed track has taken, unless second plots of
 /// targets are denser there than false plots. The radars are independent of one another and are divided among
 /// the threads.
@@ -371,8 +383,9 @@ pub(super) fn note(
     }
     let parts = clutter.iter_mut().zip(radars).zip(left).collect();
     for_each_part(threads, parts, |((own, radar), left): ((&mut Clutter, &Radar), Vec<usize>)| {
+        let mean = own.density(radar);
         for (i, plot) in left.into_iter().map(|i| (i, &plots[i])) {
-            own.note(plot, seconds.density(i), radar);
+            own.note(plot, seconds.density(i), (radar, mean));
         }
     });
 }

@@ -36,6 +36,10 @@ impl Survey {
 impl Tracker {
     /// Counts the missed detections until `end`, and gives out a row for each one of a confirmed track.
     pub(super) fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
+        if end <= self.time {
+            // all were counted, and plots may not be so late that there would be more
+            return;
+        }
         let settings = &self.settings;
         let missed = in_parts(&mut self.tracks, threads, |tracks, rows: &mut Vec<Row>| {
             for track in tracks {
@@ -48,7 +52,7 @@ impl Tracker {
             }
         });
         missed.iter().flatten().for_each(|row| rows.push(row));
-        self.time = self.time.max(end);
+        self.time = end;
     }
 
     /// Removes the tracks that have ended. Their plots are counted as false plots if they were never

@@ -314,6 +314,8 @@ impl Tracker {
         self.settings.unidentified = shares.collect();
         self.settings.qualities = self.noise.iter().map(Noise::quality).collect();
         let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
+        let of_each = self.clutter.iter().zip(&self.settings.radars);
+        let clutter: Vec<_> = of_each.map(|(own, radar)| own.now(radar)).collect();
         let convert = |&(_, i): &(f64, usize)| {
             let plot = plots.get(i);
             let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
@@ -322,7 +324,7 @@ impl Tracker {
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
             let ratio = self.settings.quality(plot.radar).ratio;
             measured.widen(ratio, &self.noise[plot.radar].individual);
-            measured.gain = self.clutter[plot.radar].gain(radar, &measured);
+            measured.gain = clutter[plot.radar].gain(&measured);
             measured
         };
         let mut waiting = std::mem::take(&mut self.waiting);
@@ -395,9 +397,9 @@ impl Tracker {
 
     pub(super) fn check<P: Plots + ?Sized>(&self, plots: &P, end: Option<f64>) -> Result<()> {
         let radars = self.settings.radars.len();
-        if let Some(at) = (0..plots.len()).find(|&i| plots.get(i).radar >= radars) {
+        if let Some(at) = (0..plots.len()).find(|&i| plots.radar(i) >= radars) {
             let (argument, requirement) = ("radar", "the index of one of the radars");
-            let (index, value) = (vec![at], plots.get(at).radar as f64);
+            let (index, value) = (vec![at], plots.radar(at) as f64);
             return Err(Error::InvalidElement { argument, index, value, requirement });
         }
         let end = end.unwrap_or(0.0);
@@ -411,10 +413,10 @@ impl Tracker {
         plots: &P,
         order: &[(f64, usize)],
     ) -> Vec<Level> {
-        let any = order.iter().any(|&(_, index)| plots.get(index).height.is_nan());
+        let any = order.iter().any(|&(_, index)| plots.height(index).is_nan());
         let mut levels = vec![self.level; if any { plots.len() } else { 0 }];
         for &(_, index) in order {
-            let height = plots.get(index).height;
+            let height = plots.height(index);
             if height.is_finite() {
                 self.level.add(height);
             }

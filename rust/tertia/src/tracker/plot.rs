@@ -181,6 +181,14 @@ pub trait Plots {
     fn len(&self) -> usize;
     /// The plot of this index.
     fn get(&self, index: usize) -> Plot;
+    /// Index of the radar of this plot.
+    fn radar(&self, index: usize) -> usize {
+        self.get(index).radar
+    }
+    /// Height of this plot, m; nan if there is none.
+    fn height(&self, index: usize) -> f64 {
+        self.get(index).height
+    }
     /// Whether there are none.
     fn is_empty(&self) -> bool {
         self.len() == 0

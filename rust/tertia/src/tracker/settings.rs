@@ -144,6 +144,11 @@ impl Settings {
         self.radars.iter().any(|radar| radar.extent > 0.0)
     }
 
+    /// Whether a sensor reports positions, of targets or of itself.
+    pub(super) fn has_reports(&self) -> bool {
+        self.geometry.iter().any(|own| own.is_position() || own.is_azimuth())
+    }
+
     /// How the reports of a sensor differ from what it states.
     #[inline]
     pub(super) fn quality(&self, sensor: usize) -> Quality {

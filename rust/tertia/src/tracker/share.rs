@@ -89,9 +89,9 @@ impl Share {
         let Self { near, inside, boxes, .. } = self;
         boxes.clear();
         let (mut low, mut high) = NOWHERE;
-        let unseen = track.unseen(settings);
+        let known = (track.height(), track.unseen(settings));
         for radar in 0..settings.radars.len() {
-            let found = reach(track, radar, times, unseen, settings, spread);
+            let found = reach(track, radar, times, known, settings, spread);
             let (own_low, own_high) = found.map_or(NOWHERE, |(centre, half)| {
                 ([0, 1].map(|i| centre[i] - half[i]), [0, 1].map(|i| centre[i] + half[i]))
             });

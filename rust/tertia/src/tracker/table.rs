@@ -10,8 +10,6 @@ use std::ops::{Range, RangeInclusive};
 
 /// Number of rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
-/// Width of the widest column.
-const WIDEST: usize = 10;
 /// Computing time per number when rows of tracks that were never confirmed are removed, ns.
 const KEEP_NS: f64 = 1.0;
 
@@ -106,12 +104,10 @@ impl Table {
         for (data, column) in self.columns.iter_mut().zip(&COLUMNS) {
             match (data, column.values) {
                 (Data::Numbers(kept), Values::Numbers(write) | Values::Symmetric(write)) => {
-                    let mut room = [0.0; WIDEST];
-                    let room = &mut room[..column.stored()];
-                    for row in &self.last {
-                        write(row, room);
-                        kept.extend_from_slice(room);
-                    }
+                    let (before, width) = (kept.len(), column.stored());
+                    kept.resize(before + width * self.last.len(), 0.0);
+                    let rooms = kept[before..].chunks_exact_mut(width);
+                    self.last.iter().zip(rooms).for_each(|(row, room)| write(row, room));
                 }
                 (Data::Integers(kept), Values::Integers(read) | Values::Callsigns(read)) => {
                     kept.extend(self.last.iter().map(read));

@@ -43,13 +43,15 @@ impl Tracker {
         if refused.is_none() {
             self.refuse_strays(&mut order, statuses);
         }
-        order.retain(|&(_, i)| {
-            let is_old = self.repeats.is_old(&plots.get(i), &self.settings);
-            if is_old {
-                statuses[i] = PlotStatus::Duplicate;
-            }
-            !is_old
-        });
+        if self.settings.has_reports() {
+            order.retain(|&(_, i)| {
+                let is_old = self.repeats.is_old(&plots.get(i), &self.settings);
+                if is_old {
+                    statuses[i] = PlotStatus::Duplicate;
+                }
+                !is_old
+            });
+        }
         order
     }
 
