@@ -7,9 +7,9 @@
 //! not counted: a target that stops remains a target.
 
 use crate::base::distribution::ln_gamma;
-use crate::base::mixed::IntegerMap;
+use crate::base::mixed::{IntegerMap, from_list, in_order, key};
 use crate::sensors::Radar;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// Scans over which plots are counted: so many because turbines stand still for a while.
 const MEMORY: f64 = 150.0;
@@ -36,25 +36,6 @@ pub(super) struct Fixed {
     /// Number of plots of each cell, and the scan up to which it has faded.
     #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
     plots: IntegerMap<(f64, f64)>,
-}
-
-fn key((i, j): (i32, i32)) -> i64 {
-    (i64::from(i) << 32) | i64::from(j as u32)
-}
-
-fn in_order<S: Serializer>(
-    plots: &IntegerMap<(f64, f64)>,
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    let mut list: Vec<(i64, (f64, f64))> = plots.iter().map(|(cell, own)| (*cell, *own)).collect();
-    list.sort_unstable_by_key(|(cell, _)| *cell);
-    list.serialize(serializer)
-}
-
-fn from_list<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<IntegerMap<(f64, f64)>, D::Error> {
-    Ok(Vec::deserialize(deserializer)?.into_iter().collect())
 }
 
 impl Fixed {
@@ -158,7 +139,8 @@ impl Fixed {
 
 /// Number of plots now, if it had faded up to the scan `until`.
 fn faded((plots, until): (f64, f64), now: f64) -> f64 {
-    plots * ((until - now) / MEMORY).exp()
+    // often the case, and faster
+    if until == now { plots } else { plots * ((until - now) / MEMORY).exp() }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Where false plots are denser than elsewhere: weather, wind farms, quays.
 
 use crate::base::distribution::ln_gamma;
+use crate::base::mixed::{IntegerMap, from_list, in_order, key, pair, sorted};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -28,7 +29,8 @@ pub(super) struct Patches {
     now: f64,
     scans: f64,
     /// The plots of each square, and the time up to which they have faded, in scans.
-    plots: BTreeMap<(i32, i32), (f64, f64)>,
+    #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
+    plots: IntegerMap<(f64, f64)>,
     /// Contribution of the places of first plots to the log-odds that the density differs from
     /// place to place.
     uneven: f64,
@@ -44,7 +46,7 @@ impl Patches {
 
     /// Plots in the square of a place, faded until now.
     fn at(&self, position: [f64; 2]) -> f64 {
-        self.plots.get(&self.square(position)).map_or(0.0, |own| faded(*own, self.now))
+        self.plots.get(&key(self.square(position))).map_or(0.0, |own| faded(*own, self.now))
     }
 
     /// Density of false plots in a square with this number of plots, relative to their `mean`.
@@ -59,13 +61,16 @@ impl Patches {
     }
 
     /// Density of false plots at a place relative to their `mean`, at least 1; the number `without`
-    /// of the plots in its square does not count. Cost O(log squares).
+    /// of the plots in its square does not count. Cost O(1).
     pub fn ratio(&self, position: [f64; 2], mean: f64, without: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
         }
         let plots = (self.at(position) - without).max(0.0);
         let local = self.local(plots, mean).max(1.0);
+        if local == 1.0 {
+            return local;
+        }
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
@@ -95,7 +100,7 @@ impl Patches {
     pub fn add(&mut self, position: [f64; 2], range: f64) {
         self.cover(range);
         let (square, now) = (self.square(position), self.now);
-        let own = self.plots.entry(square).or_insert((0.0, now));
+        let own = self.plots.entry(key(square)).or_insert((0.0, now));
         *own = (1.0 + faded(*own, now), now);
     }
 
@@ -113,9 +118,10 @@ impl Patches {
     fn join(&mut self) {
         self.side *= 2.0;
         let now = self.now;
-        for ((x, y), (plots, until)) in std::mem::take(&mut self.plots) {
-            let own = self.plots.entry((x >> 1, y >> 1)).or_insert((0.0, now));
-            own.0 += faded((plots, until), now);
+        for (square, plots) in sorted(&std::mem::take(&mut self.plots)) {
+            let (x, y) = pair(square);
+            let own = self.plots.entry(key((x >> 1, y >> 1))).or_insert((0.0, now));
+            own.0 += faded(plots, now);
         }
         for ((x, y), plots) in std::mem::take(&mut self.dropped) {
             *self.dropped.entry((x >> 1, y >> 1)).or_default() += plots;
@@ -137,7 +143,8 @@ impl Patches {
 
 /// Number of plots that had faded `until` then, faded until `now`.
 fn faded((plots, until): (f64, f64), now: f64) -> f64 {
-    plots * ((until - now) / MEMORY).exp()
+    // often the case, and faster
+    if until == now { plots } else { plots * ((until - now) / MEMORY).exp() }
 }
 
 #[cfg(test)]
