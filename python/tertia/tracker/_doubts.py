@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import joined
@@ -162,9 +162,19 @@ def recording_doubts(
     said = Shared(sensors).doubts(table, last=True)
     for k, (sensor, name) in enumerate(zip(sensors, names_of(sensors), strict=True)):
         if not isinstance(sensor, Station):
-            seen = seen_by(sensor, plots[plots.sensor == k])
+            seen = seen_by(sensor, plots[_begin(sensor, k, plots)])
             said += period_doubts(sensor, seen, name, max_speed)
     return said
+
+
+def _begin(sensor: Sensor, index: int, plots: Plots) -> IntArray:
+    """Return the indices of the first plots of the sensor of this index that have a place."""
+    place = [plots.range, plots.azimuth]
+    if not isinstance(sensor, Radar):
+        place = [] if plots.position is None else [*plots.position.T]
+    known = np.isfinite([plots.time, *place]).all(axis=0)
+    own = np.flatnonzero((plots.sensor == index) & known)
+    return own[np.argsort(plots.time[own], kind="stable")[:_MOST]]
 
 
 def seen_by(sensor: Sensor, plots: Plots) -> FloatArray:

@@ -355,6 +355,13 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
     return np.split(order, edges)
 
 
+def chosen(plots: Plots, index: IntArray) -> Plots:
+    """Return the plots of these indices; without a copy if they follow one another."""
+    first = int(index[0]) if len(index) else 0
+    rows = slice(first, first + len(index))
+    return plots[rows if np.array_equal(index, np.arange(rows.start, rows.stop)) else index]
+
+
 def _newest(plots: Plots) -> float:
     """Return the time of the last plot that has one."""
     return float(np.max(plots.time, where=np.isfinite(plots.time), initial=-np.inf))

@@ -32,7 +32,7 @@ from tertia.tracker._azimuths import placed
 from tertia.tracker._doubts import Doubts, clock_doubts, names_of
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
-from tertia.tracker._registrar import Registrar, begun, is_default, scans
+from tertia.tracker._registrar import Registrar, begun, chosen, is_default, scans
 from tertia.tracker._sensors import Sensor, check_plots, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings, largest_speed
 from tertia.tracker._table import TrackTable, numbered
@@ -312,7 +312,7 @@ class Tracker:
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
             plots = self.bias.correct(plots)
-        table = TrackColumns(len(plots) if recording else 0)
+        table = TrackColumns(len(plots))
         return TrackTable._of(table, self._scan(plots, end, rows, table))
 
     def _scan(self, plots: Plots, end: float | None, rows: str, table: TrackColumns) -> IntArray:
@@ -325,11 +325,11 @@ class Tracker:
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
         rows, first = "all" if recording else "confirmed", self._core.plots
-        table = TrackColumns(len(plots) if recording else 0)
+        table = TrackColumns(len(plots))
         where: dict[str, Any] = {"rows": rows, "table": table, "n_threads": self.n_threads}
         parts, found = scans(plots.time, registrar.period), []
         for n, index in enumerate(parts):
-            part, begin = plots if len(parts) == 1 else plots[index], table.count
+            part, begin = plots if len(parts) == 1 else chosen(plots, index), table.count
             until = end if n == len(parts) - 1 else None
             tracks = registrar.scan(self._core, part, until, **where)
             if not recording and registrar.search(part, self._core.time, _alone):
