@@ -224,7 +224,7 @@ class _Records:
         """Return the rows of a table, with the data blocks of the records."""
         found = self.frame.select(
             pl.Series("block", self.block),
-            pl.Series("time_s", self.time).fill_nan(None),
+            pl.Series("time_s", self.time, nan_to_null=True),
             *_columns(self.definition, convert, table or number),
         )
         if number == SURFACE:
@@ -293,20 +293,26 @@ def _are_truncated(records: Mapping[int, _Records]) -> bool:
     return times == {OLD_PLOTS}
 
 
+@cache
+def _empty(number: int) -> pl.DataFrame:
+    return pl.DataFrame(schema=_schema(COLUMNS[number]))
+
+
 def _joined(number: int, parts: list[pl.DataFrame]) -> pl.DataFrame:
     """Return rows in the order of their records."""
     if not parts:
-        return pl.DataFrame(schema=_schema(COLUMNS[number]))
+        return _empty(number)
     rows = parts[0] if len(parts) == 1 else pl.concat(parts).sort("block", maintain_order=True)
     return rows.drop("block")
 
 
 def _sensors(messages: list[_Records], plots: pl.DataFrame) -> pl.DataFrame:
     """Return one row per sensor that sent plots or service messages."""
-    counts = plots.drop_nulls("sensor").group_by("sensor").agg(plot_count=pl.len().cast(pl.Int64))
+    own = plots.lazy().drop_nulls("sensor")
+    counts = own.group_by("sensor").agg(plot_count=pl.len().cast(pl.Int64))
     told = [one.rows(0, services) for one in messages]
     if told:
-        every = pl.concat(told).drop_nulls("sensor").sort("block", maintain_order=True)
+        every = pl.concat(told).lazy().drop_nulls("sensor").sort("block", maintain_order=True)
         norths = pl.col("time_s").filter(pl.col("kind") == _NORTH_MARKER)
         turns = pl.col("scan_period_s").filter(pl.col("scan_period_s") > 0)
         said = every.group_by("sensor").agg(
@@ -325,6 +331,7 @@ def _sensors(messages: list[_Records], plots: pl.DataFrame) -> pl.DataFrame:
         counts.select(pl.col(name).cast(kind) for name, kind in _schema(SENSORS).items())
         .with_columns(pl.col("plot_count").fill_null(0))
         .sort(codes.list.get(0), codes.list.get(1))
+        .collect()
     )
 
 

@@ -404,13 +404,14 @@ class Reader:
             return pl.repeat(self._own, count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
         found = names_without_marks(series(self.part.table, column).cast(pl.String))
-        self.refuse(found.is_null(), f"{column} is missing", column)
-        unknown = ~found.is_in(known) & found.is_not_null()
-        self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
         numbers = dict(zip(known, range(len(known)), strict=True))
         known_numbers: pl.Series = found.replace_strict(
             numbers, default=None, return_dtype=pl.Int64
         )
+        if known_numbers.null_count():
+            self.refuse(found.is_null(), f"{column} is missing", column)
+            unknown = known_numbers.is_null() & found.is_not_null()
+            self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
         return known_numbers
 
     def refuse(self, wrong: pl.Series, reason: str, values: pl.Series | str) -> None:
@@ -520,6 +521,8 @@ class Reader:
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
         """Return identities as numbers; -1 where there is none."""
+        if values.null_count() == len(values):
+            return _absent("identity", len(values))
         if values.dtype.is_float():
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
         base = IDENTITIES[name]
@@ -550,6 +553,8 @@ class Reader:
 
     def callsigns(self, values: pl.Series) -> pl.Series:
         """Return callsigns in capital letters; null where there is none."""
+        if values.null_count() == len(values):
+            return _absent("callsign", len(values))
         found = names_without_marks(values.cast(pl.String)).str.to_uppercase()
         bad = ~found.str.contains("^[ -_]{1,8}$").fill_null(True)
         allowed = "it must have at most 8 letters and digits"
