@@ -193,6 +193,6 @@ def _nothing_found(k: int) -> Bias:
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:
     """Return how a sigma treats systematic errors; `tells` means that they could be detected."""
-    if not free.any():
+    if not np.count_nonzero(free):
         return "given"
     return "estimated" if tells else "not included"

@@ -129,6 +129,8 @@ def _groups_of(
     if not isinstance(stations, Sequence) or own.deviating:
         return []
     names = [one.name if isinstance(one, Station) else None for one in stations]
+    if not any(names):
+        return []
     found = []
     for name, count in Counter(names).items():
         if not name or count < _FEWEST:

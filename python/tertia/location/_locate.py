@@ -542,8 +542,10 @@ def _by_station(
     measured: _Measured, batch: tuple[int, ...], k: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return values and sigmas of all kinds, (..., kinds, K); nan where none was measured."""
-    values = np.full((*batch, len(KINDS), k), np.nan)
-    stated = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
+    values = np.empty((*batch, len(KINDS), k))
+    stated = np.empty((*_sigma_batch(measured), len(KINDS), k))
+    values.fill(np.nan)
+    stated.fill(np.nan)
     for kind, (value, sigma) in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
         values[..., at, first:] = value

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import (
+    SMALLEST,
     BoolArray,
     FloatArray,
     array_of,
+    lies_between,
     positive,
     radians,
     real,
@@ -43,7 +45,7 @@ def checked(
     require_length(array, kind, k)
     domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
     require_between(array, kind, f"{domain}, or nan", *limits, missing=True)
-    if kind == "range":
+    if kind == "range" and not lies_between(array, SMALLEST, missing=True):
         _require_ranges(array, sigma)
     return array
 
@@ -63,8 +65,6 @@ def near_enough(ranges: FloatArray, sigma: FloatArray) -> BoolArray:
 def _require_ranges(ranges: FloatArray, sigma: FloatArray | float) -> None:
     """Raise an error if a range is negative by more than noise, or stands for no measurement."""
     low = ranges[ranges <= 0.0]
-    if not low.size:
-        return
     ranges, sigma = np.broadcast_arrays(ranges, sigma)
     required = f"a positive number, one that is negative by at most {NOISE:g} sigmas, or nan"
     require_each(ranges, np.isnan(ranges) | near_enough(ranges, sigma), "range", required)

@@ -21,9 +21,10 @@ def warn_if_mirrored(location: Location, places: FloatArray) -> None:
 
     `places` are the stations, of shape (..., K, D). With angles, ambiguity has other reasons.
     """
-    status, seen = np.asarray(location.status), location.outlier
+    seen = location.outlier
     if seen.azimuth is not None or seen.elevation is not None:
         return
+    status = np.asarray(location.status)
     if status.size < _BATCH or np.mean(status == LocationStatus.AMBIGUOUS) <= _MOST:
         return
     if _are_level(places.reshape(-1, *places.shape[-2:])[0]):

@@ -8,11 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, positive, real, require_each, scalar_or_array
+from tertia._arrays import (
+    FloatArray,
+    finite,
+    lies_between,
+    positive,
+    real,
+    require_each,
+    scalar_or_array,
+)
 from tertia.sensors import Kind
 
 # what travels at this speed
-_TRAVELS: tuple[Kind, ...] = ("range", "range_difference", "arrival_time")
+_TRAVELS: frozenset[Kind] = frozenset({"range", "range_difference", "arrival_time"})
 # share of the speed, so that three standard deviations leave signals some speed
 _LARGEST = 0.2
 # speed up to which signals are sounds, m/s, and how well the speed of sound is known if nothing is
@@ -36,6 +44,8 @@ class Speed:
 
     def found(self, share: float, sigma: float) -> Speed:
         """Return the estimate: by which share signals are faster, and its standard deviation."""
+        if share == 0.0 and sigma == self.relative and self.scale == 1.0:
+            return self
         return replace(self, relative=sigma, scale=1.0 + share)
 
     def scaled(self, rows: FloatArray, kinds: Sequence[Kind]) -> FloatArray:
@@ -67,9 +77,9 @@ def read_speed(
     Without a sigma, only a `robust` method lets the measurements contradict the speed.
     """
     stated = positive(speed, "propagation_speed")
-    travels = any(kind in _TRAVELS for kind in kinds)
+    travels = not _TRAVELS.isdisjoint(kinds)
     if sigma is None:
-        is_sound = robust and travels and float(np.max(stated, initial=0.0)) <= _SOUND
+        is_sound = robust and travels and lies_between(stated, 0.0, _SOUND)
         return Speed(stated, _USUAL if is_sound else 0.0, as_stated=is_sound)
     width = finite(real(sigma, "propagation_speed_sigma"), "propagation_speed_sigma")
     require_each(width, width >= 0, "propagation_speed_sigma", "0 or positive")

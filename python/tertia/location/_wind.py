@@ -44,6 +44,9 @@ class Wind:
         )
 
 
+_STILL = Wind(np.nan, 0.0)
+
+
 def read_medium(
     speed: npt.ArrayLike,
     sigmas: tuple[npt.ArrayLike | None, float],
@@ -62,10 +65,10 @@ def read_medium(
 
 
 def _read_wind(sigma: float, speed: FloatArray, kinds: Collection[Kind], *, unknown: bool) -> Wind:
+    if real(sigma, "wind_sigma") == 0.0:
+        return _STILL
     width = finite(real(sigma, "wind_sigma"), "wind_sigma")
     require_each(width, width >= 0, "wind_sigma", "0 or positive")
-    if width == 0:
-        return Wind(np.nan, 0.0)
     stated = float(np.mean(speed))
     if set(kinds) != {"arrival_time"}:
         raise ValueError(
