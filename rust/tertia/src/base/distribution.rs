@@ -231,6 +231,13 @@ pub fn two_sigma(outside: impl Fn(f64) -> f64, unit: f64) -> f64 {
     0.5 * unit * solve_decreasing(|h| outside(h * unit), OUTSIDE_TWO_SIGMA)
 }
 
+/// An end of a bracket.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    Low,
+    High,
+}
+
 /// Finds the x > 0 with `f(x) = target`, where f decreases from at most +∞ to 0. The method is false
 /// position (Illinois) on logarithmic axes, on which tails are nearly straight. The result is 0 or +∞
 /// if f is below or above the target everywhere, and nan if f is.
@@ -243,7 +250,8 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
         if ln < LEAST { LEAST - ln_target } else { ln - ln_target }
     };
     let (mut low, mut high) = (0.0_f64, 0.0_f64);
-    let (mut f_low, mut f_high) = (excess(low), excess(high));
+    let mut f_low = excess(low);
+    let mut f_high = f_low;
     let mut step = 1.0;
     while f_low < 0.0 && low.exp() > 0.0 {
         low -= step;
@@ -259,6 +267,7 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
     if f_low < 0.0 || f_high > 0.0 {
         return if f_low < 0.0 { 0.0 } else { f64::INFINITY };
     }
+    let (mut before, mut moved) = (high - low, None);
     for iteration in 0..MAX_STEPS {
         if f_low.is_nan() || f_high.is_nan() {
             return f64::NAN;
@@ -269,8 +278,12 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
         if f_high == 0.0 {
             return high.exp();
         }
-        // every third step halves the bracket, so that flat ends cannot stall the search
-        let s = if iteration % 3 == 2 || f_high < -1e3 {
+        // a bracket that two steps have not halved is halved, so that flat ends cannot stall the search
+        if iteration % 3 == 0 {
+            before = high - low;
+        }
+        let stalls = iteration % 3 == 2 && high - low > 0.5 * before;
+        let s = if stalls || f_high < -1e3 {
             0.5 * (low + high)
         } else {
             (low * f_high - high * f_low) / (f_high - f_low)
@@ -278,14 +291,15 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
         if s <= low || s >= high {
             return s.exp();
         }
+        // if an end moves twice in succession, the value at the other one is halved
         let value = excess(s);
-        if value >= 0.0 {
-            (low, f_low) = (s, value);
-            f_high *= 0.5;
-        } else {
-            (high, f_high) = (s, value);
-            f_low *= 0.5;
+        let end = if value >= 0.0 { End::Low } else { End::High };
+        let factor = if moved == Some(end) { 0.5 } else { 1.0 };
+        match end {
+            End::Low => (low, f_low, f_high) = (s, value, factor * f_high),
+            End::High => (high, f_high, f_low) = (s, value, factor * f_low),
         }
+        moved = Some(end);
     }
     (0.5 * (low + high)).exp()
 }
