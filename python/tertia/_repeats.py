@@ -29,6 +29,8 @@ def repeated(
         return None
     rows = theta.reshape(-1, theta.shape[-1])
     equal = rows[:, 1:] == rows[:, :-1]
+    if np.count_nonzero(equal) <= _FEW:
+        return None
     count = np.count_nonzero(equal, axis=-1)
     found = np.zeros(rows.shape, dtype=bool)
     for row in np.flatnonzero(count > _FEW):

@@ -2,6 +2,8 @@
 
 #[cfg(test)]
 use super::distribution::{student_two_sided, two_sigma};
+use super::exponential::{exp, ln};
+use pulp::{Arch, Simd, WithSimd};
 use std::sync::LazyLock;
 
 /// Number of values of φ = tanh u; below, the smallest and largest u.
@@ -65,37 +67,35 @@ impl Autoregression {
         if self.count < 3 || !varies {
             return;
         }
-        let [white] = self.given(|gap| [Factor::of(0.0, gap)]);
-        self.white_sigma = white.sigma;
+        let white = self.given([0.0], &[]);
+        self.white_sigma = white.sigma[0];
         if let Some(phi) = phi {
-            let [found] = self.given(|gap| [Factor::of(phi, gap)]);
-            self.gain = found.log_evidence - white.log_evidence;
-            self.push(phi, 1.0, found);
+            let found = self.given([phi], &[]);
+            self.gain = found.log_evidence[0] - white.log_evidence[0];
+            self.push(phi, 1.0, &found, 0);
             return;
         }
         let Grid { ln_prior, phis, factors } = &*GRID;
-        let found = self.given(|gap| match factors.get(gap - 1) {
-            Some(known) => *known,
-            None => phis.map(|phi| Factor::of(phi, gap)),
-        });
+        let found = self.given(*phis, factors);
         let log: [f64; STEPS] =
-            std::array::from_fn(|i| ln_prior[i] + found[i].log_evidence - white.log_evidence);
+            std::array::from_fn(|i| ln_prior[i] + found.log_evidence[i] - white.log_evidence[0]);
         let highest = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let total: f64 = log.iter().map(|l| (l - highest).exp()).sum();
+        let odds = Arch::new().dispatch(Exponentials(log.map(|l| l - highest)));
+        let total: f64 = odds.iter().sum();
         self.gain = highest + total.ln();
         for i in 0..STEPS {
-            let weight = (log[i] - highest).exp() / total;
+            let weight = odds[i] / total;
             if weight > LEAST_WEIGHT {
-                self.push(phis[i], weight, found[i]);
+                self.push(phis[i], weight, &found, i);
             }
         }
     }
 
-    fn push(&mut self, phi: f64, weight: f64, found: Given) {
+    fn push<const M: usize>(&mut self, phi: f64, weight: f64, found: &Given<M>, i: usize) {
         self.correlation.push(phi);
         self.weight.push(weight);
-        self.mean.push(found.mean);
-        self.sigma.push(found.sigma);
+        self.mean.push(found.mean[i]);
+        self.sigma.push(found.sigma[i]);
     }
 
     fn collect(&mut self, values: impl Iterator<Item = (usize, f64)>) {
@@ -131,27 +131,9 @@ impl Autoregression {
         &mut self.pairs[index]
     }
 
-    /// The mean given each of M correlations; `factors` returns their factors for a gap.
-    fn given<const M: usize>(&self, factors: impl Fn(usize) -> [Factor; M]) -> [Given; M] {
-        let mut sums = [[1.0, self.start, self.start * self.start, 0.0]; M];
-        for p in &self.pairs {
-            for (Factor { f, v, ln_v }, [a, top, square, log_v]) in
-                factors(p.gap).into_iter().zip(&mut sums)
-            {
-                let e = p.second - f * p.first;
-                *a += p.count * (1.0 - f).powi(2) / v;
-                *top += (1.0 - f) * e / v;
-                *square += (p.second_squared - 2.0 * f * p.product + f * f * p.first_squared) / v;
-                *log_v += p.count * ln_v;
-            }
-        }
-        let degrees = self.count as f64 - 1.0;
-        sums.map(|[a, top, square, log_v]| {
-            let mean = top / a;
-            let rss = (square - a * mean * mean).max(f64::MIN_POSITIVE);
-            let log_evidence = -0.5 * (log_v + a.ln() + degrees * rss.ln());
-            Given { mean, sigma: (rss / (degrees * a)).sqrt(), log_evidence }
-        })
+    /// The mean given each of M correlations; `known` contains their factors for short gaps.
+    fn given<const M: usize>(&self, phis: [f64; M], known: &[Factors<M>]) -> Given<M> {
+        Arch::new().dispatch(Conditional { record: self, phis, known })
     }
 
     /// Logarithm of the evidence relative to that of white noise; 0 for fewer than three values, and if
@@ -216,27 +198,87 @@ impl Autoregression {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Given {
-    /// Mean minus the origin.
-    mean: f64,
-    sigma: f64,
-    log_evidence: f64,
+/// What follows from each of M correlations: the mean minus the origin, its sigma, and the evidence.
+struct Given<const M: usize> {
+    mean: [f64; M],
+    sigma: [f64; M],
+    log_evidence: [f64; M],
 }
 
-/// f = φ^gap, v = 1 − f², ln v.
-#[derive(Clone, Copy, Debug)]
-struct Factor {
-    f: f64,
-    v: f64,
-    ln_v: f64,
+/// Computes [`Given`], side by side for all correlations.
+struct Conditional<'a, const M: usize> {
+    record: &'a Autoregression,
+    phis: [f64; M],
+    known: &'a [Factors<M>],
 }
 
-impl Factor {
-    fn of(phi: f64, gap: usize) -> Self {
-        let f = phi.powi(i32::try_from(gap).unwrap_or(i32::MAX));
-        let v = 1.0 - f * f;
-        Self { f, v, ln_v: v.ln() }
+impl<const M: usize> WithSimd for Conditional<'_, M> {
+    type Output = Given<M>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Given<M> {
+        let Self { record, phis, known } = self;
+        let (mut a, mut top, mut log_v) = ([1.0; M], [record.start; M], [0.0; M]);
+        let mut square = [record.start * record.start; M];
+        for p in &record.pairs {
+            let rare;
+            let factors = match known.get(p.gap - 1) {
+                Some(usual) => usual,
+                None => {
+                    rare = Factors::of(phis, p.gap);
+                    &rare
+                }
+            };
+            let Factors { f, inverse, ln_v } = factors;
+            for i in 0..M {
+                let (f, rest) = (f[i], (1.0 - f[i]) * inverse[i]);
+                a[i] += p.count * (1.0 - f) * rest;
+                top[i] += rest * (p.second - f * p.first);
+                let squares = p.second_squared - 2.0 * f * p.product + f * f * p.first_squared;
+                square[i] += squares * inverse[i];
+                log_v[i] += p.count * ln_v[i];
+            }
+        }
+        let degrees = record.count as f64 - 1.0;
+        let (mut mean, mut sigma, mut log_evidence) = ([0.0; M], [0.0; M], [0.0; M]);
+        for i in 0..M {
+            mean[i] = top[i] / a[i];
+            let rss = (square[i] - a[i] * mean[i] * mean[i]).max(f64::MIN_POSITIVE);
+            sigma[i] = (rss / (degrees * a[i])).sqrt();
+            log_evidence[i] = -0.5 * (log_v[i] + ln(a[i]) + degrees * ln(rss));
+        }
+        Given { mean, sigma, log_evidence }
+    }
+}
+
+struct Exponentials([f64; STEPS]);
+
+impl WithSimd for Exponentials {
+    type Output = [f64; STEPS];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; STEPS] {
+        let mut found = self.0;
+        for x in &mut found {
+            *x = exp(*x);
+        }
+        found
+    }
+}
+
+/// f = φ^gap, 1/v with v = 1 − f², and ln v, for each φ.
+#[derive(Clone, Copy, Debug)]
+struct Factors<const M: usize> {
+    f: [f64; M],
+    inverse: [f64; M],
+    ln_v: [f64; M],
+}
+
+impl<const M: usize> Factors<M> {
+    fn of(phis: [f64; M], gap: usize) -> Self {
+        let f = phis.map(|phi| phi.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
+        let v = f.map(|f| 1.0 - f * f);
+        Self { f, inverse: v.map(|v| 1.0 / v), ln_v: v.map(f64::ln) }
     }
 }
 
@@ -245,7 +287,7 @@ impl Factor {
 struct Grid {
     phis: [f64; STEPS],
     ln_prior: [f64; STEPS],
-    factors: [[Factor; STEPS]; SHORT],
+    factors: [Factors<STEPS>; SHORT],
 }
 
 static GRID: LazyLock<Grid> = LazyLock::new(|| {
@@ -257,7 +299,7 @@ static GRID: LazyLock<Grid> = LazyLock::new(|| {
     let mut prior = flat.map(|f| (1.0 - WHITE) * f / total);
     let nearest = (0..STEPS).fold(0, |a, b| if phis[b].abs() < phis[a].abs() { b } else { a });
     prior[nearest] += WHITE;
-    let factors = std::array::from_fn(|gap| phis.map(|phi| Factor::of(phi, gap + 1)));
+    let factors = std::array::from_fn(|gap| Factors::of(phis, gap + 1));
     Grid { phis, ln_prior: prior.map(f64::ln), factors }
 });
 

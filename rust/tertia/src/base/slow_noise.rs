@@ -4,6 +4,7 @@
 //! geometric series from one step to several lengths of the record (van der Ziel 1950), so a Kalman
 //! filter yields the likelihood. A Gauss-Markov process is one such AR(1) process, of unknown time constant.
 
+use crate::base::exponential::ln;
 use crate::base::interrupt::poll;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -37,8 +38,9 @@ pub(crate) struct SlowNoise {
     pub correlation: f64,
 }
 
-/// Sums of filters for `L` shares: Σ ln S, and the squares and products of the innovations of ones and of
+/// Sums of a filter for `L` shares: Σ ln S, and the squares and products of the innovations of ones and of
 /// values, divided by S.
+#[derive(Clone, Copy)]
 struct Sums<const L: usize> {
     log: [f64; L],
     ones: [f64; L],
@@ -70,28 +72,41 @@ impl<'a> Values<'a> {
         (self.values[self.values.len() - 1].0 - self.values[0].0 + 1) as f64
     }
 
-    /// Returns the effects of at most `K` processes of these correlations per step and equal variances, for
-    /// each of their shares in the variance.
-    fn effects<const K: usize, const L: usize>(
+    /// Returns the effects of each of these kinds of noise, for each of their shares in the variance. `P` filters
+    /// run side by side, because each waits for the division of the step before.
+    fn effects<const K: usize, const L: usize, const P: usize>(
         &self,
-        decay: &[f64],
-        shares: [f64; L],
-    ) -> [SlowNoise; L] {
-        poll();
-        let decay: [f64; K] = std::array::from_fn(|k| decay.get(k).copied().unwrap_or(0.0));
-        let count = decay.iter().filter(|d| **d > 0.0).count() as f64;
-        let variance = decay.map(|d| shares.map(|share| if d > 0.0 { share / count } else { 0.0 }));
-        let filter = Filter { values: self.values, origin: self.origin, decay, variance };
-        let Sums { log, ones, cross, squares } = Arch::new().dispatch(filter);
+        noises: &[Noise<L>],
+    ) -> Vec<SlowNoise> {
+        let mut found = Vec::with_capacity(noises.len() * L);
+        for some in noises.chunks(P) {
+            poll();
+            let filter = |p: usize| Filter::<K, L>::new(some.get(p).unwrap_or(&some[0]));
+            let filters: [Filter<K, L>; P] = std::array::from_fn(filter);
+            let sums = Arch::new().dispatch(Run::<K, L, P> { values: self, filters });
+            found.extend(some.iter().zip(&sums).flat_map(|(noise, sums)| self.read(noise, sums)));
+        }
+        found
+    }
+
+    fn read<const L: usize>(&self, noise: &Noise<L>, sums: &Sums<L>) -> [SlowNoise; L] {
+        let correlation = noise.decay.iter().sum::<f64>() / noise.decay.len() as f64;
+        let Sums { log, ones, cross, squares } = sums;
         std::array::from_fn(|l| {
             let rss = (squares[l] - cross[l] * cross[l] / ones[l]).max(f64::MIN_POSITIVE);
             SlowNoise {
                 gain: evidence(self.values.len() as f64, log[l], ones[l], rss) - self.white,
                 inflation: rss / ones[l] / self.variance,
-                correlation: shares[l] * decay.iter().sum::<f64>() / count,
+                correlation: noise.shares[l] * correlation,
             }
         })
     }
+}
+
+/// Processes of equal variances, given by their correlations per step, and shares in the variance.
+struct Noise<'a, const L: usize> {
+    decay: &'a [f64],
+    shares: [f64; L],
 }
 
 /// Logarithm of the evidence, with flat priors of the mean and of the logarithm of the scale.
@@ -113,26 +128,24 @@ impl SlowNoise {
     fn flicker(values: &[(usize, f64)]) -> Option<Self> {
         let values = Values::new(values)?;
         let decay = processes(values.length());
-        let found = FLICKER_SHARES.map(|share| match decay.len() {
-            ..=4 => values.effects::<4, 1>(&decay, [share]),
-            5..=6 => values.effects::<6, 1>(&decay, [share]),
-            7..=8 => values.effects::<8, 1>(&decay, [share]),
-            _ => values.effects::<MOST, 1>(&decay, [share]),
-        });
-        Some(Self::mean(found.as_flattened()))
+        let noises = FLICKER_SHARES.map(|share| Noise { decay: &decay, shares: [share] });
+        Some(Self::mean(&match decay.len() {
+            ..=4 => values.effects::<4, 1, 3>(&noises),
+            5..=6 => values.effects::<6, 1, 3>(&noises),
+            7..=8 => values.effects::<8, 1, 3>(&noises),
+            _ => values.effects::<MOST, 1, 3>(&noises),
+        }))
     }
 
     /// Computes the same for a Gauss-Markov process, over its shares and time constants. O(N log N).
     fn gauss_markov(values: &[(usize, f64)]) -> Option<Self> {
         let values = Values::new(values)?;
-        let (longest, mut time, mut found) =
-            (MARKOV_LONGEST * values.length(), SHORTEST, Vec::new());
-        while time <= longest {
-            let decay = [(-1.0 / time).exp()];
-            found.extend(values.effects::<1, 4>(&decay, MARKOV_SHARES));
-            time *= MARKOV_RATIO;
-        }
-        Some(Self::mean(&found))
+        let times = std::iter::successors(Some(SHORTEST), |time| Some(time * MARKOV_RATIO));
+        let times = times.take_while(|time| *time <= MARKOV_LONGEST * values.length());
+        let decay: Vec<f64> = times.map(|time| (-1.0 / time).exp()).collect();
+        let noise = |decay| Noise { decay: std::slice::from_ref(decay), shares: MARKOV_SHARES };
+        let noises: Vec<_> = decay.iter().map(noise).collect();
+        Some(Self::mean(&values.effects::<1, 4, 4>(&noises)))
     }
 
     /// Returns the mean over several possibilities of equal priors.
@@ -158,83 +171,135 @@ fn processes(length: f64) -> Vec<f64> {
     times.map(|time| (-1.0 / time).exp()).collect()
 }
 
-/// Filters ones and values at once, with `K` processes, whose variances are given for each of `L` shares.
-struct Filter<'a, const K: usize, const L: usize> {
-    values: &'a [(usize, f64)],
-    origin: f64,
+/// A filter of ones and values with `K` processes, whose variances are given for each of `L` shares.
+#[derive(Clone, Copy)]
+struct Filter<const K: usize, const L: usize> {
     decay: [f64; K],
     variance: [[f64; L]; K],
+    white: [f64; L],
+    /// Covariance and values of the prediction.
+    covariance: [[[f64; L]; K]; K],
+    one: [[f64; L]; K],
+    value: [[f64; L]; K],
+    sums: Sums<L>,
+    /// Product of the variances of which no logarithm has been taken.
+    product: [f64; L],
 }
 
-impl<const K: usize, const L: usize> WithSimd for Filter<'_, K, L> {
-    type Output = Sums<L>;
+#[inline(always)]
+fn sum<const K: usize, const L: usize>(of: &[[f64; L]; K]) -> [f64; L] {
+    let mut sums = [0.0; L];
+    for lanes in of {
+        for l in 0..L {
+            sums[l] += lanes[l];
+        }
+    }
+    sums
+}
 
-    /// Vectorised by the compiler, with the registers of this processor.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Sums<L> {
-        let Self { values, origin, decay, variance } = self;
-        let sum = |of: &[[f64; L]; K]| -> [f64; L] {
-            std::array::from_fn(|l| of.iter().map(|lanes| lanes[l]).sum())
-        };
-        let white = sum(&variance).map(|v| 1.0 - v);
-        let new = |f: &[f64; K]| -> [[f64; L]; K] {
-            std::array::from_fn(|i| variance[i].map(|v| v * (1.0 - f[i] * f[i])))
-        };
-        let usual = (decay, new(&decay));
-        // covariance of the prediction
+impl<const K: usize, const L: usize> Filter<K, L> {
+    /// Missing processes have no variance.
+    fn new(noise: &Noise<L>) -> Self {
+        let decay: [f64; K] = std::array::from_fn(|k| noise.decay.get(k).copied().unwrap_or(0.0));
+        let of_each = |share: f64| share / noise.decay.len() as f64;
+        let variance = decay.map(|d| noise.shares.map(|s| if d > 0.0 { of_each(s) } else { 0.0 }));
         let mut covariance = [[[0.0; L]; K]; K];
         (0..K).for_each(|i| covariance[i][i] = variance[i]);
-        let (mut one, mut value) = ([[0.0; L]; K], [[0.0; L]; K]);
-        let zero = [0.0; L];
-        let mut sums = Sums { log: zero, ones: zero, cross: zero, squares: zero };
-        let mut product = [1.0; L];
-        for (t, &(place, y)) in values.iter().enumerate() {
-            let gap = values.get(t + 1).map_or(1, |next| next.0 - place);
-            let (f, new) = match gap {
-                1 => usual,
-                _ => {
-                    let f = decay.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
-                    (f, new(&f))
-                }
-            };
-            // sums over columns, which are in successive lanes
-            let row: [[f64; L]; K] = std::array::from_fn(|j| {
-                std::array::from_fn(|l| covariance.iter().map(|of| of[j][l]).sum())
-            });
-            let (s, ones, values) = (sum(&row), sum(&one), sum(&value));
-            let s: [f64; L] = std::array::from_fn(|l| white[l] + s[l]);
-            let inverse = s.map(|s| 1.0 / s);
-            let e_one = ones.map(|o| 1.0 - o);
-            let e_value = values.map(|v| y - origin - v);
-            for l in 0..L {
-                product[l] *= s[l];
-                sums.ones[l] += e_one[l] * e_one[l] * inverse[l];
-                sums.cross[l] += e_one[l] * e_value[l] * inverse[l];
-                sums.squares[l] += e_value[l] * e_value[l] * inverse[l];
-            }
-            if (t + 1) % AT_ONCE == 0 {
-                (0..L).for_each(|l| sums.log[l] += product[l].ln());
-                product = [1.0; L];
-            }
-            for i in 0..K {
-                let g: [f64; L] = std::array::from_fn(|l| row[i][l] * inverse[l]);
+        let (zero, none) = ([0.0; L], [[0.0; L]; K]);
+        Self {
+            decay,
+            variance,
+            white: sum(&variance).map(|v| 1.0 - v),
+            covariance,
+            one: none,
+            value: none,
+            sums: Sums { log: zero, ones: zero, cross: zero, squares: zero },
+            product: [1.0; L],
+        }
+    }
+
+    /// Takes a value in, and predicts for the next one, `gap` steps later.
+    #[inline(always)]
+    fn step(&mut self, y: f64, gap: usize) {
+        let mut f = self.decay;
+        if gap != 1 {
+            f = f.map(|d| d.powi(i32::try_from(gap).unwrap_or(i32::MAX)));
+        }
+        // sums over columns, which are in successive lanes
+        let mut row = [[0.0; L]; K];
+        for of in &self.covariance {
+            for j in 0..K {
                 for l in 0..L {
-                    one[i][l] = f[i] * (one[i][l] + g[l] * e_one[l]);
-                    value[i][l] = f[i] * (value[i][l] + g[l] * e_value[l]);
-                }
-                for j in 0..K {
-                    for l in 0..L {
-                        covariance[i][j][l] =
-                            f[i] * f[j] * (covariance[i][j][l] - g[l] * row[j][l]);
-                    }
-                }
-                for l in 0..L {
-                    covariance[i][i][l] += new[i][l];
+                    row[j][l] += of[j][l];
                 }
             }
         }
-        (0..L).for_each(|l| sums.log[l] += product[l].ln());
-        sums
+        let (mut s, ones, values) = (sum(&row), sum(&self.one), sum(&self.value));
+        let (mut inverse, mut e_one, mut e_value) = ([0.0; L], [0.0; L], [0.0; L]);
+        for l in 0..L {
+            s[l] += self.white[l];
+            inverse[l] = 1.0 / s[l];
+            e_one[l] = 1.0 - ones[l];
+            e_value[l] = y - values[l];
+            self.product[l] *= s[l];
+            self.sums.ones[l] += e_one[l] * e_one[l] * inverse[l];
+            self.sums.cross[l] += e_one[l] * e_value[l] * inverse[l];
+            self.sums.squares[l] += e_value[l] * e_value[l] * inverse[l];
+        }
+        for i in 0..K {
+            let mut g = [0.0; L];
+            for l in 0..L {
+                g[l] = row[i][l] * inverse[l];
+                self.one[i][l] = f[i] * (self.one[i][l] + g[l] * e_one[l]);
+                self.value[i][l] = f[i] * (self.value[i][l] + g[l] * e_value[l]);
+            }
+            for j in 0..K {
+                for l in 0..L {
+                    let before = self.covariance[i][j][l];
+                    self.covariance[i][j][l] = f[i] * f[j] * (before - g[l] * row[j][l]);
+                }
+            }
+            for l in 0..L {
+                self.covariance[i][i][l] += self.variance[i][l] * (1.0 - f[i] * f[i]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn take_logarithms(&mut self) {
+        for l in 0..L {
+            self.sums.log[l] += ln(self.product[l]);
+        }
+        self.product = [1.0; L];
+    }
+}
+
+/// Filters values with several filters.
+struct Run<'a, const K: usize, const L: usize, const P: usize> {
+    values: &'a Values<'a>,
+    filters: [Filter<K, L>; P],
+}
+
+impl<const K: usize, const L: usize, const P: usize> WithSimd for Run<'_, K, L, P> {
+    type Output = [Sums<L>; P];
+
+    /// Vectorised by the compiler, with the registers of this processor.
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> [Sums<L>; P] {
+        let Values { values, origin, .. } = self.values;
+        for (t, &(place, y)) in values.iter().enumerate() {
+            let gap = values.get(t + 1).map_or(1, |next| next.0 - place);
+            for filter in &mut self.filters {
+                filter.step(y - origin, gap);
+                if (t + 1) % AT_ONCE == 0 {
+                    filter.take_logarithms();
+                }
+            }
+        }
+        for filter in &mut self.filters {
+            filter.take_logarithms();
+        }
+        self.filters.map(|filter| filter.sums)
     }
 }
 

@@ -3,9 +3,9 @@
 use super::acceleration::converge;
 use super::independent;
 use super::information::variance_of_centre;
-use super::modes::{MOST_BAD, Mode, Modes, Shape, Totals};
+use super::modes::{Modes, Shape, Totals};
 use super::slow::{self, Levels};
-use super::start::{Start, start};
+use super::start::{Start, one_sided, start, two_sided, wide};
 use super::sticky::{self, Passes};
 use crate::base::autoregression::Autoregression;
 use crate::base::moments::Moments;
@@ -16,15 +16,6 @@ use crate::base::slow_noise::SlowNoise;
 const PENALTY: f64 = 0.8;
 /// The same for the weights in sigma: outliers that are too doubtful to be left out may still be bad.
 const PENALTY_OF_SIGMA: f64 = 0.4;
-/// Scores beyond these distances count as bad at the start: for one kind and for two kinds of bad values.
-const FAR: f64 = 2.5;
-const FAR_OF_TWO: f64 = 2.2;
-/// Offset, and widths with one and two kinds, of a bad mode at the start.
-const OFFSET: f64 = 4.0;
-const WIDTH: f64 = 1.5;
-const WIDTH_OF_TWO: f64 = 1.2;
-const LARGEST_START: f64 = 0.45;
-const LARGEST_START_OF_TWO: f64 = 0.4;
 const PERSISTENCE: f64 = 0.5;
 /// Smallest width of the good mode, in units of the scale at the start, and of any mode, in rounding steps.
 const LEAST_WIDTH: f64 = 0.3;
@@ -59,6 +50,9 @@ pub(super) struct Hypothesis {
     pub modes: Option<Modes>,
     /// Probabilities of the bad modes for each measurement: as many numbers as there are bad modes.
     pub bad: Vec<f64>,
+    /// Probability that a measurement is good, and its weight in the estimate; the weights sum to one.
+    good_probability: Vec<f64>,
+    pub influence: Vec<f64>,
     log_likelihood: f64,
     parameters: f64,
     /// Increase of the log likelihood by the correlation.
@@ -122,19 +116,20 @@ impl Hypothesis {
         self.gain_of_sigma = (rest * total).ln();
     }
 
-    fn kinds(&self) -> usize {
-        self.modes.map_or(0, |modes| modes.kinds())
-    }
-
     /// Returns the probability that a measurement is good.
     pub fn is_good(&self, i: usize) -> f64 {
-        let kinds = self.kinds();
-        1.0 - self.bad[i * kinds..(i + 1) * kinds].iter().sum::<f64>()
+        self.good_probability[i]
     }
 
     /// Returns the measurements that are more probably good than bad, with their indices.
     fn kept<'a>(&self, y: &'a [f64]) -> impl Iterator<Item = (usize, f64)> + use<'a, '_> {
         y.iter().copied().enumerate().filter(|&(i, _)| self.is_good(i) > 0.5)
+    }
+
+    /// Whether the measurements that are more probably good than bad are those of another hypothesis.
+    fn keeps_as(&self, other: &Self) -> bool {
+        let mut pairs = self.good_probability.iter().zip(&other.good_probability);
+        pairs.all(|(own, its)| (*own > 0.5) == (*its > 0.5))
     }
 
     /// Adds what changing `levels` contribute to likelihood and variance. The hypothesis was fitted to the
@@ -163,13 +158,13 @@ impl Hypothesis {
         self.levels = Some(levels);
     }
 
-    fn expected_good(&self, n: usize) -> f64 {
-        (0..n).map(|i| self.is_good(i)).sum::<f64>().max(LEAST_GOOD)
+    fn expected_good(&self) -> f64 {
+        self.good_probability.iter().sum::<f64>().max(LEAST_GOOD)
     }
 
     /// Returns the variance of the centre for white noise.
     fn white_variance(&self, y: &[f64], step: f64) -> f64 {
-        let good = self.expected_good(y.len());
+        let good = self.expected_good();
         let white = match self.modes {
             Some(modes) => variance_of_centre(&modes, y, &self.bad, step),
             None => self.width * self.width / good,
@@ -178,7 +173,7 @@ impl Hypothesis {
     }
 
     /// Returns the weight of a measurement in the centre, before the weights are normalised.
-    pub fn information(&self, i: usize) -> f64 {
+    fn information(&self, i: usize) -> f64 {
         let factor = self.levels.as_ref().map_or(1.0, |levels| levels.factor[levels.block(i)]);
         factor * self.information_of_mode(i)
     }
@@ -257,15 +252,23 @@ impl Hypotheses {
 
     /// Estimates the correlation of the good measurements for each hypothesis from index `first` on.
     fn correlate(&mut self, first: usize, y: &[f64], correlation: Option<f64>) {
-        for h in &mut self.list[first..] {
+        for k in first..self.list.len() {
+            let (before, rest) = self.list.split_at_mut(k);
+            let h = &mut rest[0];
             (h.inflation, h.correlation) = (1.0, 0.0);
-            if correlation != Some(0.0) {
+            if correlation == Some(0.0) {
+                continue;
+            }
+            if let Some(same) = before[first..].iter().find(|other| other.keeps_as(h)) {
+                (h.gain, h.inflation, h.correlation) =
+                    (same.gain, same.inflation, same.correlation);
+            } else {
                 self.autoregression.read(h.kept(y), correlation);
                 h.gain = self.autoregression.gain();
                 h.inflation = self.autoregression.inflation();
                 h.correlation = self.autoregression.correlation();
-                h.log_likelihood += h.gain;
             }
+            h.log_likelihood += h.gain;
         }
     }
 
@@ -277,14 +280,20 @@ impl Hypotheses {
     /// Allows for slow noise about a constant level.
     fn add_slow_noise(&mut self, y: &[f64]) {
         let n = y.len() as f64;
+        let mut known: Vec<(usize, Vec<(f64, SlowNoise)>)> = Vec::new();
         for k in 0..self.list.len() {
             let weight = |h: &Hypothesis| h.log_weight_of_sigma(n);
             let highest = self.list.iter().map(weight).fold(f64::NEG_INFINITY, f64::max);
-            let h = &mut self.list[k];
+            let h = &self.list[k];
             let counts = h.modes.is_none() || weight(h) > highest - FAR_BEHIND;
             if h.levels.is_none() && h.gain > 0.0 && counts {
-                let values: Vec<(usize, f64)> = h.kept(y).collect();
-                h.take(&SlowNoise::possible(&values));
+                let same = known.iter().position(|(other, _)| self.list[*other].keeps_as(h));
+                let at = same.unwrap_or_else(|| {
+                    let values: Vec<(usize, f64)> = h.kept(y).collect();
+                    known.push((k, SlowNoise::possible(&values)));
+                    known.len() - 1
+                });
+                self.list[k].take(&known[at].1);
             }
         }
     }
@@ -324,6 +333,7 @@ impl Hypotheses {
         let variance = (squares / n).max(floor * floor);
         let log_likelihood = -0.5 * (n * variance.ln() + squares / variance);
         self.list.push(Hypothesis {
+            good_probability: vec![1.0; y.len()],
             log_likelihood,
             parameters: 2.0,
             value: mean,
@@ -356,8 +366,10 @@ impl Hypotheses {
             let found = independent::posterior(&modes, y, &mut bad, &mut self.evidence);
             (found, modes.shape.parameters())
         };
+        let good = |bad: &[f64]| 1.0 - bad.iter().sum::<f64>();
         self.list.push(Hypothesis {
             modes: Some(modes),
+            good_probability: bad.chunks_exact(modes.kinds()).map(good).collect(),
             bad,
             log_likelihood,
             parameters,
@@ -402,7 +414,7 @@ impl Hypotheses {
     fn persist(&self, which: usize) -> bool {
         let hypothesis = &self.list[which];
         let n = self.evidence.len();
-        let share = (0..n).map(|i| hypothesis.is_good(i)).sum::<f64>() / n as f64;
+        let share = hypothesis.good_probability.iter().sum::<f64>() / n as f64;
         let deviation = |i: usize| hypothesis.is_good(i) - share;
         let square: f64 = (0..n).map(|i| deviation(i).powi(2)).sum();
         let product: f64 = (1..n).map(|i| deviation(i) * deviation(i - 1)).sum();
@@ -424,11 +436,11 @@ impl Hypotheses {
         normalise(list, weight, |h| &mut h.weight);
         normalise(list, of_variance, |h| &mut h.weight_of_variance);
         for h in list.iter_mut() {
-            h.good = h.expected_good(score.len());
-            let information = |i: usize| h.information(i);
-            let all: f64 = (0..score.len()).map(information).sum();
-            let value = |i: usize| information(i) * score[i];
-            h.value = (0..score.len()).map(value).sum::<f64>() / all;
+            h.good = h.expected_good();
+            h.influence = (0..score.len()).map(|i| h.information(i)).collect();
+            let all: f64 = h.influence.iter().sum();
+            h.influence.iter_mut().for_each(|weight| *weight /= all);
+            h.value = h.influence.iter().zip(&*score).map(|(weight, y)| weight * y).sum();
             if h.levels.is_none() {
                 h.variance = h.white_variance(score, step);
             }
@@ -454,45 +466,4 @@ fn mean_and_squares(y: &[f64]) -> (f64, f64) {
     let moments = Moments::of("theta", y).map(|m| (m.mean(), m.sum_of_squares()));
     // scores are finite, and the squares of the measurements have been checked
     moments.unwrap_or((0.0, f64::INFINITY))
-}
-
-/// Returns number, sum and sum of squares of the values beyond a limit on one side (±1) or on both (0).
-fn beyond(y: &[f64], limit: f64, side: f64) -> (f64, f64, f64) {
-    let hit = |v: &&f64| if side == 0.0 { v.abs() > limit } else { *v * side > limit };
-    let add = |(n, s, q): (f64, f64, f64), v: &f64| (n + 1.0, s + v, q + v * v);
-    y.iter().filter(hit).fold((0.0, 0.0, 0.0), add)
-}
-
-fn modes(shape: Shape, bad: [Mode; MOST_BAD]) -> Modes {
-    Modes { shape, centre: 0.0, width: 1.0, bad, persistence: 0.0 }
-}
-
-fn offset(count: f64, sum: f64, side: f64) -> f64 {
-    if count > 0.0 { sum / count } else { side * OFFSET }
-}
-
-fn one_sided(y: &[f64], side: f64) -> Modes {
-    let n = y.len() as f64;
-    let (count, sum, _) = beyond(y, FAR, side);
-    let share = (count / n).clamp(1.0 / n, LARGEST_START);
-    let bad = Mode { offset: offset(count, sum, side), width: WIDTH, share };
-    modes(Shape::OneSided, [bad, Mode::default()])
-}
-
-fn wide(y: &[f64]) -> Modes {
-    let n = y.len() as f64;
-    let (count, _, squares) = beyond(y, FAR, 0.0);
-    let share = (count / n).clamp(1.0 / n, LARGEST_START);
-    let width = (squares / count.max(1.0)).sqrt().max(OFFSET);
-    modes(Shape::Wide, [Mode { offset: 0.0, width, share }, Mode::default()])
-}
-
-fn two_sided(y: &[f64]) -> Modes {
-    let n = y.len() as f64;
-    let bad = [1.0, -1.0].map(|side| {
-        let (count, sum, _) = beyond(y, FAR_OF_TWO, side);
-        let share = (count / n).clamp(0.5 / n, LARGEST_START_OF_TWO);
-        Mode { offset: offset(count, sum, side), width: WIDTH_OF_TWO, share }
-    });
-    modes(Shape::TwoSided, bad)
 }

@@ -1,7 +1,7 @@
 //! Modes that do not persist: the mode of each measurement is independent of the others.
 
 use super::modes::{Modes, Sums, excess};
-use crate::base::exponential::{LARGEST_EXPONENT, exp};
+use crate::base::exponential::{LARGEST_EXPONENT, exp, sum_of_logarithms};
 use pulp::{Simd, WithSimd};
 
 const LANES: usize = 8;
@@ -129,9 +129,10 @@ pub(super) fn posterior(modes: &Modes, y: &[f64], bad: &mut [f64], evidence: &mu
         1 => arch.dispatch(Posterior::<1> { modes, y, bad, evidence }),
         _ => arch.dispatch(Posterior::<2> { modes, y, bad, evidence }),
     }
-    let good = (modes.good_share() / modes.width).ln();
-    let square = |y: &f64| ((y - modes.centre) / modes.width).powi(2);
+    let good = y.len() as f64 * (modes.good_share() / modes.width).ln();
+    let inverse = 1.0 / modes.width;
+    let square = |y: &f64| ((y - modes.centre) * inverse).powi(2);
     let excess = |y: &f64, e: f64| if e > LARGE { modes.excess(*y) } else { 0.0 };
-    let of = |(y, e): (&f64, &f64)| good + e.ln() + excess(y, *e) - 0.5 * square(y);
-    y.iter().zip(&*evidence).map(of).sum()
+    let of = |(y, e): (&f64, &f64)| excess(y, *e) - 0.5 * square(y);
+    good + sum_of_logarithms(evidence) + y.iter().zip(&*evidence).map(of).sum::<f64>()
 }

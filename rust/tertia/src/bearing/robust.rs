@@ -45,9 +45,8 @@ pub(super) fn estimate(
     influence.clear();
     influence.resize(angle.len(), 0.0);
     for h in &hypotheses.list {
-        let total: f64 = (0..angle.len()).map(|i| h.information(i)).sum();
-        for (i, sum) in influence.iter_mut().enumerate() {
-            *sum += h.weight * h.information(i) / total;
+        for (sum, share) in influence.iter_mut().zip(&h.influence) {
+            *sum += h.weight * share;
         }
     }
     for (i, flag) in outlier.iter_mut().enumerate() {

@@ -9,6 +9,7 @@ use super::start::{MAD_TO_SIGMA, OUTSIDE, rounding_sigma};
 use crate::base::angle::median;
 use crate::base::autoregression::Autoregression;
 use crate::base::distribution::student_two_sided_quantile;
+use crate::base::exponential::sum_of_logarithms;
 use std::f64::consts::PI;
 
 /// Shortest block length.
@@ -150,10 +151,12 @@ pub(super) fn block_sizes(
 /// Returns the log likelihood of errors with heavy tails, their scale, which is at least `least`, and
 /// their correlation.
 fn within(residual: &[f64], least: f64, errors: &mut Autoregression) -> (f64, f64, f64) {
-    let mut absolute: Vec<f64> = residual.iter().map(|r| r.abs()).collect();
-    let scale = (MAD_TO_SIGMA * median(&mut absolute)).max(least);
-    let tail = |r: &f64| (1.0 + (r / scale).powi(2) / FREEDOM).ln();
-    let tails = 0.5 * (FREEDOM + 1.0) * residual.iter().map(tail).sum::<f64>();
+    let mut terms: Vec<f64> = residual.iter().map(|r| r.abs()).collect();
+    let scale = (MAD_TO_SIGMA * median(&mut terms)).max(least);
+    for (term, r) in terms.iter_mut().zip(residual) {
+        *term = 1.0 + (r / scale).powi(2) / FREEDOM;
+    }
+    let tails = 0.5 * (FREEDOM + 1.0) * sum_of_logarithms(&terms);
     let near = |i: &usize| residual[*i].abs() < NEAR * scale;
     errors.read((0..residual.len()).filter(near).map(|i| (i, residual[i])), None);
     let likelihood = errors.gain() - tails - residual.len() as f64 * scale.ln();

@@ -1,6 +1,7 @@
 //! Start values of the search for modes: centre and scale that remain useful with 40 % of bad
-//! measurements.
+//! measurements, and modes of the scores.
 
+use super::modes::{MOST_BAD, Mode, Modes, Shape};
 use crate::base::angle::median;
 use std::f64::consts::SQRT_2;
 
@@ -17,6 +18,16 @@ const LEAST_SHARE_OF_MAD: f64 = 0.3;
 const SAME: f64 = 1e-13;
 /// Intervals whose lengths differ by less than this share count as equally long.
 const SAME_LENGTH: f64 = 1e-9;
+
+/// Scores beyond these distances count as bad at the start: for one kind and for two kinds of bad values.
+const FAR: f64 = 2.5;
+const FAR_OF_TWO: f64 = 2.2;
+/// Offset, and widths with one and two kinds, of a bad mode at the start.
+const OFFSET: f64 = 4.0;
+const WIDTH: f64 = 1.5;
+const WIDTH_OF_TWO: f64 = 1.2;
+const LARGEST_START: f64 = 0.45;
+const LARGEST_START_OF_TWO: f64 = 0.4;
 
 /// Centre, scale and rounding step of a record.
 #[derive(Clone, Copy, Debug)]
@@ -102,4 +113,48 @@ fn seen_step(sorted: &[f64], different: impl Fn(f64) -> bool) -> f64 {
         return 0.0;
     }
     gaps().filter(|&d| different(d)).fold(f64::INFINITY, f64::min)
+}
+
+/// Returns number, sum and sum of squares of the values beyond a limit on one side (±1) or on both (0).
+fn beyond(y: &[f64], limit: f64, side: f64) -> (f64, f64, f64) {
+    let hit = |v: &&f64| if side == 0.0 { v.abs() > limit } else { *v * side > limit };
+    let add = |(n, s, q): (f64, f64, f64), v: &f64| (n + 1.0, s + v, q + v * v);
+    y.iter().filter(hit).fold((0.0, 0.0, 0.0), add)
+}
+
+fn modes(shape: Shape, bad: [Mode; MOST_BAD]) -> Modes {
+    Modes { shape, centre: 0.0, width: 1.0, bad, persistence: 0.0 }
+}
+
+fn offset(count: f64, sum: f64, side: f64) -> f64 {
+    if count > 0.0 { sum / count } else { side * OFFSET }
+}
+
+/// Returns a mixture with bad values on one side (±1).
+pub(super) fn one_sided(y: &[f64], side: f64) -> Modes {
+    let n = y.len() as f64;
+    let (count, sum, _) = beyond(y, FAR, side);
+    let share = (count / n).clamp(1.0 / n, LARGEST_START);
+    let bad = Mode { offset: offset(count, sum, side), width: WIDTH, share };
+    modes(Shape::OneSided, [bad, Mode::default()])
+}
+
+/// Returns a mixture with a wide mode of bad values.
+pub(super) fn wide(y: &[f64]) -> Modes {
+    let n = y.len() as f64;
+    let (count, _, squares) = beyond(y, FAR, 0.0);
+    let share = (count / n).clamp(1.0 / n, LARGEST_START);
+    let width = (squares / count.max(1.0)).sqrt().max(OFFSET);
+    modes(Shape::Wide, [Mode { offset: 0.0, width, share }, Mode::default()])
+}
+
+/// Returns a mixture with bad values on both sides.
+pub(super) fn two_sided(y: &[f64]) -> Modes {
+    let n = y.len() as f64;
+    let bad = [1.0, -1.0].map(|side| {
+        let (count, sum, _) = beyond(y, FAR_OF_TWO, side);
+        let share = (count / n).clamp(0.5 / n, LARGEST_START_OF_TWO);
+        Mode { offset: offset(count, sum, side), width: WIDTH_OF_TWO, share }
+    });
+    modes(Shape::TwoSided, bad)
 }
