@@ -47,7 +47,7 @@ def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray:
     """Return the prior standard deviation of each radar's systematic error."""
     prior = np.empty(radars)
     prior[...] = deviations(bias_sigma, radars)
-    if prior.min() == np.inf:
+    if np.count_nonzero(prior == np.inf) == radars:
         raise ValueError(
             "bias_sigma is infinite for every radar; it must be finite for at least one"
         )

@@ -306,7 +306,7 @@ def fuse_series(
         "outlier_gate": real(outlier_gate, "outlier_gate"),
     }
     prior = prior_of(bias_sigma, radars)
-    biased = bool(prior.any())
+    biased = np.count_nonzero(prior) > 0
     if initial is not None and biased:
         raise ValueError("initial contains the systematic errors; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
@@ -316,7 +316,7 @@ def fuse_series(
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
-    if lasting.any():
+    if np.count_nonzero(lasting):
         variance = spread(stated, plots.shape)
         is_bound = method == "covariance-intersection"
         there = ~np.isnan(plots)
@@ -370,7 +370,7 @@ def _lasting(
     *batch, radars, steps = plots.shape
     phi = np.zeros((*batch, radars))
     given = None if correlation_time is None else _correlation_times(correlation_time, radars)
-    if given is not None and not given.any():
+    if given is not None and not np.count_nonzero(given):
         return phi, phi
     time, step = when
     own = step * np.arange(steps, dtype=np.float64) if time is None else finite(time, "time")

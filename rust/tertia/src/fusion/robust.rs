@@ -288,6 +288,7 @@ impl Robust {
 
     /// Updates the probabilities of the levels, of the clusters' components and of the plots. An outlier
     /// gives no information on the level of its radar.
+    #[inline(always)]
     fn learn(&mut self) {
         let followed = &self.followed[..self.plots.len()];
         self.effects.clear();
