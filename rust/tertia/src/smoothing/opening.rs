@@ -64,7 +64,8 @@ fn moved([a, b, c]: [f64; 3], motion: ProcessNoise, t: &[[f64; 3]; 3]) -> [[f64;
     };
     // position this long before
     let before = |s: f64, g: &[f64; 3]| g[0] - s * g[1] + 0.5 * s * s * g[2];
-    let (late, early) = (columns(b), columns(c));
+    let late = columns(b);
+    let early = if c == b { late } else { columns(c) };
     std::array::from_fn(|at| {
         let [first, second] = match at {
             0..3 => [before(a, &late[at]), before(b, &late[at])],
