@@ -4,15 +4,14 @@
 //! take plots first, by the assignment with the largest likelihood, then the tentative tracks do; each
 //! remaining plot starts a tentative track. Radars see a target at different times, each once per scan.
 //!
-//! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean <- delay; motion <-
-//! bank; level, geometry <- plot, differences <- quality; mht <- association; geometry, plans, association, motion,
-//! quality <- settings,
-//! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
-//! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
-//! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
-//! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan, repeats,
-//! shapes <- live <- ending, kept, control, found, late <- lag; plot <- clock <- lag`; `kinematics, motion,
-//! noise <- smooth` beside them.
+//! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean <- delay;
+//! motion <- bank; level, geometry <- plot, differences <- quality; mht <- association; geometry,
+//! plans, association, motion, quality <- settings, velocities <- plan, curve, prospects <- window
+//! <- filter <- resolution, sight, moving; plan <- correlation; doubles, extent, fixed, patches, tally,
+//! weighed <- clutter; height, identity, beams, filter, moving, correlation, existence, tree, suspicion,
+//! outliers, clutter <- track <- cluster, row, claim, schedule, reflections, ended, azimuths; outliers,
+//! turning <- noise <- strays <- resume <- share <- scan, repeats, shapes <- live <- ending, kept, control,
+//! found, late <- lag; plot <- clock <- lag`; `kinematics, motion, noise <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -88,6 +87,7 @@ mod table;
 mod tally;
 mod track;
 mod tree;
+mod turning;
 mod velocities;
 mod weighed;
 mod window;

@@ -4,8 +4,8 @@
 //! Third differences of plots in four successive scans are free of positions, velocities and constant
 //! accelerations. The median of their squares yields the noise, whatever outliers there are. Products of the
 //! signs of second differences, one and two scans apart, show whether errors are correlated from scan to scan:
-//! their contrast is nearly free of accelerations, too. The estimates do not depend on the filters, which use
-//! the estimated noise.
+//! their contrast is nearly free of accelerations, too. Differences of targets that turn for long are left out.
+//! The estimates do not depend on the filters, which use the estimated noise.
 
 use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
 use super::individual::{Individual, key};
@@ -14,6 +14,7 @@ use super::plot::{Measured, Source};
 use super::quality::{Quality, Reports};
 use super::repeats::Interval;
 use super::settings::Settings;
+use super::turning::Turning;
 use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_2_PI;
@@ -37,6 +38,11 @@ const MANOEUVRE: f64 = 9.0 / 3.0;
 /// Mean product of the signs of successive second differences above which most of them are due to the motion:
 /// that of errors is -1/3 at the most, whatever their correlation.
 const AT_MOST: f64 = -0.1;
+/// Share of the plots of targets that turn for long from which on errors are taken as independent.
+const TURNING: f64 = 0.15;
+/// Standard deviation, times the root of the number of differences, of the mean product of those two scans apart:
+/// it is not negative by errors and accelerations, but by sharp turns.
+const PRODUCT: f64 = 1.3;
 /// Share of an innovation by which a track usually moves: the effect of correlated noise on a track depends
 /// on it. It is 0 for tracks that are smoothed over many plots.
 const GAIN: f64 = 0.3;
@@ -54,6 +60,9 @@ struct Lasting {
     count: f64,
     /// Mean products of the signs of second differences one and two scans apart.
     products: [f64; 2],
+    /// Number of plots, and share of those of targets that turn for long.
+    plots: f64,
+    turning: f64,
 }
 
 impl Lasting {
@@ -66,13 +75,21 @@ impl Lasting {
         }
     }
 
-    /// Smallest and largest likely correlation from scan to scan; none if errors may be independent.
+    /// Learns from a plot whether its target turns for long.
+    fn turns(&mut self, is_turning: bool) {
+        self.plots = (self.plots + 1.0).min(WINDOW);
+        self.turning += (f64::from(u8::from(is_turning)) - self.turning) / self.plots;
+    }
+
+    /// Smallest and largest likely correlation from scan to scan; none if errors may be independent, or if so many
+    /// targets turn that those among them that are not recognised may have caused it.
     fn correlation(&self) -> Option<[f64; 2]> {
         let root = self.count.sqrt();
         let [one, two] = self.products;
         let contrast = (one - two) / (1.0 - two);
         let least = contrast_of(0.0) + SURE_LASTING * CONTRAST / root;
         let is_sure = self.count > 2.0 * ENOUGH && contrast > least && one < AT_MOST;
+        let is_sure = is_sure && self.turning < TURNING && two > -SURE * PRODUCT / root;
         let within = SURE * CONTRAST_LASTING / root;
         is_sure.then(|| [-within, within].map(|off| correlation(contrast_of, contrast + off)))
     }
@@ -152,6 +169,7 @@ struct Chain {
     is_slant: bool,
     /// The channels that detected the plots.
     detection: Option<Detection>,
+    turning: Turning,
 }
 
 /// The noise of one sensor.
@@ -223,6 +241,9 @@ impl Noise {
         if chain.track != track || !even || age > 1.5 * period || !is_alike {
             chain.count = 0;
         }
+        if chain.track != track {
+            chain.turning = Turning::default();
+        }
         let [a, b, c, d] = chain.positions;
         let z = plot.position;
         if chain.count >= 3 {
@@ -236,7 +257,11 @@ impl Noise {
                 [along / sigmas[0], across / sigmas[1]]
             };
             let seconds = [second(z, a, b), second(a, b, c), second(b, c, d)];
-            for (i, size) in self.sizes.iter_mut().enumerate() {
+            chain.turning.saw(seconds[0], seconds[1]);
+            let is_turning = chain.turning.is_likely();
+            self.lasting.turns(is_turning);
+            let used = if is_turning { &mut [] } else { &mut self.sizes[..] };
+            for (i, size) in used.iter_mut().enumerate() {
                 let own = seconds.map(|second| second[i]);
                 if own.iter().all(|d| d.is_finite()) {
                     size.saw(own[0] - own[1]);
@@ -254,6 +279,7 @@ impl Noise {
             positions: [z, a, b, c],
             is_slant,
             detection: plot.detection,
+            turning: chain.turning,
         };
     }
 
@@ -306,7 +332,8 @@ impl Noise {
     /// plots.
     pub fn told(&self) -> f64 {
         if let Some(ratio) = self.reports.ratio() {
-            return ratio.sqrt();
+            // if the differences are motion alone, nothing is known of the noise
+            return if ratio > 0.0 { ratio.sqrt() } else { f64::NAN };
         }
         let [along, across] = self.sizes.map(|size| {
             let (factor, own) = (factor(&size, &self.lasting, GAIN), size.level.exp());
