@@ -5,13 +5,13 @@
 //! remaining plot starts a tentative track. Radars see a target at different times, each once per scan.
 //!
 //! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean <- delay;
-//! motion <- bank; level, geometry <- plot, differences <- quality; mht <- association; geometry,
-//! plans, association, motion, quality <- settings, velocities <- plan, curve, prospects <- window
+//! motion <- bank <- circles; level, geometry <- plot, differences <- quality; mht <- association; geometry,
+//! plans, association, motion, quality <- settings, velocities <- plan, curve, prospects <- window, circles
 //! <- filter <- resolution, sight, moving; plan <- correlation; doubles, extent, fixed, patches, tally,
 //! weighed <- clutter; height, identity, beams, filter, moving, correlation, existence, tree, suspicion,
 //! outliers, clutter <- track <- cluster, row, claim, schedule, reflections, ended, azimuths; outliers,
 //! turning <- noise <- strays <- resume <- share <- scan, repeats, shapes <- live <- ending, kept, control,
-//! found, late <- lag; plot <- clock <- lag`; `kinematics, motion, noise <- smooth` beside them.
+//! found, late <- lag; plot <- clock <- lag`; `kinematics, motion, noise, agility <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -21,6 +21,7 @@ mod association;
 mod azimuths;
 mod bank;
 mod beams;
+mod circles;
 mod claim;
 mod clock;
 mod cluster;

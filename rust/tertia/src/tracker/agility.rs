@@ -19,6 +19,8 @@ const LARGEST: f64 = 4.0;
 /// Weight of the newest normalised squared innovation in its running mean, and the largest one that counts.
 const SCATTER: f64 = 0.1;
 const FAR: f64 = 8.0;
+/// Running mean from which on plots do not fit the models.
+const SCATTERED: f64 = 1.6;
 /// Levels above which manoeuvres are more frequent, and above which they are also sharper, than usual; noise
 /// alone seldom exceeds the first one.
 const FREQUENT: f64 = 1.0;
@@ -28,6 +30,19 @@ const HIGHEST: f64 = 6.6;
 /// Ratio of the variance of the velocity by an unnoticed acceleration to that by an acceleration that has
 /// lasted for the whole time until it is noticed.
 const UNNOTICED: f64 = 1.3;
+/// Weight of the newest normalised squared innovation in the longer mean, and the mean from which on the target
+/// moves about its track in a way that no model describes.
+const LONGER: f64 = 0.04;
+const MISFIT: f64 = 1.4;
+/// Fastest rate of such a motion, rad/s, and its largest angle from plot to plot, rad.
+const FASTEST: f64 = 0.35;
+const ANGLE: f64 = std::f64::consts::PI;
+
+/// Rate of a motion that plots at this interval, s, do not resolve, rad/s: velocities are displacements times it.
+pub(super) fn rate_of_misfit(interval: f64) -> f64 {
+    FASTEST.min(ANGLE / interval)
+}
+
 /// How agile a target is: its level is 0 if it manoeuvres no more than usual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Agility {
@@ -37,6 +52,11 @@ pub(super) struct Agility {
     /// Running mean of the normalised squared innovations over the expected value: less than 1 if the noise
     /// is less than stated.
     scatter: f64,
+    /// The same over a longer time, the variance of the last innovation, m², and the share of the variance of the
+    /// position that it has left.
+    misfit: f64,
+    size: f64,
+    pub left: f64,
     /// Seconds and scans since the last plot, and (`interval`) running means of both.
     since: [f64; 2],
     interval: [f64; 2],
@@ -47,7 +67,9 @@ pub(super) struct Agility {
 impl Default for Agility {
     fn default() -> Self {
         let [since, interval] = [[0.0; 2]; 2];
-        Self { level: 0.0, lag: [0.0; 2], scatter: 1.0, since, interval, sigma: 0.0 }
+        let [scatter, misfit, left] = [1.0; 3];
+        let [level, size, sigma] = [0.0; 3];
+        Self { level, lag: [0.0; 2], scatter, misfit, size, left, since, interval, sigma }
     }
 }
 
@@ -59,7 +81,10 @@ impl Agility {
         let [a, b] = self.lag;
         let product = inverse.xx * x * a + inverse.xy * (x * b + y * a) + inverse.yy * y * b;
         let step = (0.5 * product).clamp(-LARGEST, LARGEST) - KEPT;
-        self.scatter += SCATTER * ((0.5 * inverse.form([x, y])).min(FAR) - self.scatter);
+        let square = (0.5 * inverse.form([x, y])).min(FAR);
+        self.scatter += SCATTER * (square - self.scatter);
+        self.misfit += LONGER * (square - self.misfit);
+        self.size = 0.5 * (s.xx + s.yy);
         // with several radars, each plot contains less new information
         let share = self.since[1].min(1.0);
         self.level = (self.level + GAIN * share * step).clamp(0.0, HIGHEST);
@@ -95,6 +120,28 @@ impl Agility {
             turn_sigma: usual.turn_sigma * exp(0.5 * (self.level - SHARP).max(0.0)),
             ..*usual
         }
+    }
+
+    /// Whether the plots do not fit the models.
+    #[inline]
+    pub fn is_restless(&self) -> bool {
+        self.level > FREQUENT || self.scatter > SCATTERED
+    }
+
+    /// Mean time between plots, s.
+    pub fn interval(&self) -> f64 {
+        self.interval[0]
+    }
+
+    /// Variances of the position, m², and of the velocity, along any axis, by motion about the track that no
+    /// model describes.
+    #[inline]
+    pub fn unmodelled(&self) -> [f64; 2] {
+        if self.misfit <= MISFIT {
+            return [0.0; 2];
+        }
+        let about = (self.misfit - 1.0) * self.size;
+        [about * self.left, about * rate_of_misfit(self.interval[0]).powi(2)]
     }
 
     /// Additional variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet. The

@@ -2,6 +2,7 @@
 
 use super::agility::Agility;
 use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
+use super::circles::Circles;
 use super::estimate::{Estimate, Moments, POSITION};
 use super::kinematics;
 use super::motion::{ImmModel, Motion};
@@ -30,12 +31,16 @@ pub(super) struct Multiple {
     /// The model of a change of speed; none while the target follows its plan.
     pub speed: Option<SpeedChange>,
     agility: Agility,
+    /// Sharper turns; none while the plots fit the models.
+    circles: Option<Box<Circles>>,
 }
 
 /// Probability that a target turns when its track begins, more than later, as many sensors stand where targets
 /// turn; and the sigma of the rate of such a turn, which may have begun long ago, in those of turns that begin.
 const FIRST_TURNING: f64 = 0.25;
 const FIRST_RATES: f64 = 2.0;
+/// Acceleration by which the velocity of a target in a sharp turn may be wrong, m/s².
+const ACCELERATION: f64 = 5.0;
 /// Largest turn in a scan period that a new track can follow, rad.
 const LARGEST_TURN: f64 = 0.6;
 
@@ -61,7 +66,8 @@ impl Filter {
                 let bank = Bank::new(start, turning, noise.turn_rate_sigma.powi(2));
                 let speed = Some(SpeedChange::new(noise));
                 let agility = Agility::default();
-                Self::Multiple(Box::new(Multiple { bank, guide: None, speed, agility }))
+                let (guide, circles) = (None, None);
+                Self::Multiple(Box::new(Multiple { bank, guide, speed, agility, circles }))
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
@@ -134,18 +140,23 @@ impl Filter {
         }
     }
 
-    /// Learns from an innovation of covariance `s` how agile the target is.
+    /// Learns from an innovation of covariance `s` how agile the target is; it has left a share of the variance of
+    /// the position.
     #[inline]
-    pub fn saw(&mut self, innovation: [f64; 2], s: Plane) {
+    pub fn saw(&mut self, innovation: [f64; 2], s: Plane, left: f64) {
         if let Self::Multiple(multiple) = self {
             multiple.agility.saw(innovation, s);
+            multiple.agility.left = left;
+            multiple.begin_circles();
         }
     }
 
-    /// Additional variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet.
-    pub fn unnoticed(&self) -> f64 {
-        let Self::Multiple(multiple) = self else { return 0.0 };
-        multiple.agility.unnoticed()
+    /// Additional variances of position and velocity, along any axis, by manoeuvres that the models do not
+    /// describe or that have not been noticed yet.
+    pub fn unnoticed(&self) -> [f64; 2] {
+        let Self::Multiple(multiple) = self else { return [0.0; 2] };
+        let [position, velocity] = multiple.agility.unmodelled();
+        [position, velocity + multiple.agility.unnoticed()]
     }
 
     /// Position and velocity, whatever the model.
@@ -342,8 +353,11 @@ impl Multiple {
 
     fn predict(&mut self, settings: &Settings, noise: &ImmModel, t: f64, period: f64) {
         let estimate = self.guide.is_some().then(|| self.estimate());
-        let Self { bank, guide, speed, agility } = self;
+        let Self { bank, guide, speed, agility, circles } = self;
         let agile = agility.adapted(noise, t, period);
+        if let Some(circles) = circles {
+            circles.predict(noise, t, period);
+        }
         if let (Some(guide), Some(estimate)) = (guide, estimate)
             && guide.takes_part(settings)
         {
@@ -358,6 +372,18 @@ impl Multiple {
             SpeedChange::new(noise)
         });
         speed.predict(bank, noise, &changes(noise, t), (t, period));
+    }
+
+    /// Begins to follow sharper turns if the plots do not fit the models of a target without a plan.
+    #[inline]
+    fn begin_circles(&mut self) {
+        if !self.agility.is_restless() {
+            self.circles = None;
+        } else if self.circles.is_none() && self.guide.is_none() {
+            let interval = self.agility.interval();
+            let circles = Circles::new(&self.estimate(), interval, ACCELERATION * interval);
+            self.circles = Some(Box::new(circles));
+        }
     }
 
     /// Merges the models of the plan into the others.
@@ -391,6 +417,12 @@ impl Multiple {
                 bank.scale(total.recip());
             } else {
                 bank.probability = before;
+            }
+        }
+        if let Some(circles) = &mut self.circles {
+            circles.correct::<AT>(z, r, total.max(LEAST_DENSITY));
+            if !circles.decide(&mut self.bank) {
+                self.circles = None;
             }
         }
         if let Some(speed) = &mut self.speed {

@@ -31,7 +31,9 @@ impl Track {
         if was_confirmed {
             let (y, s) = self.innovation;
             let (xx, xy, yy) = (own.xx - wide.xx, own.xy - wide.xy, own.yy - wide.yy);
-            self.filter.saw(y, s.plus(Plane { xx, xy, yy }));
+            let now = self.estimate.position_covariance();
+            let left = (now.xx + now.yy) / (wide.xx + wide.yy);
+            self.filter.saw(y, s.plus(Plane { xx, xy, yy }), left.min(1.0));
         }
         self.set_swerve(settings);
         self.moved = self.moved || !plot.is_bare() || self.has_moved(settings);

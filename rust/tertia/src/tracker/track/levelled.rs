@@ -90,8 +90,7 @@ impl Track {
         };
         own = self.with_delays(own);
         let unnoticed = self.filter.unnoticed();
-        own.covariance[(2, 2)] += unnoticed;
-        own.covariance[(3, 3)] += unnoticed;
+        (0..4).for_each(|i| own.covariance[(i, i)] += unnoticed[i / 2]);
         own = self.fork.as_ref().map_or(own, |fork| fork.widened(&own));
         // errors of times and the parts of an extended target that are seen may be the same for long
         if self.extent.xx > 0.0 || self.lasting > 0.0 {
