@@ -1,6 +1,7 @@
 //! Tracks smoothed over all their plots, including later ones, by two filters with several models.
 //!
-//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- contradiction, parallax`, and `noise`
+//! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight <- contradiction,
+//! parallax, unmodelled`, and `noise`
 
 mod contradiction;
 mod flight;
@@ -12,6 +13,7 @@ mod parallax;
 mod passes;
 mod root;
 mod two_filter;
+mod unmodelled;
 #[cfg(test)]
 mod vectors;
 mod vertical;
@@ -49,6 +51,9 @@ pub fn smooth_tracks(
     let work = |(): &mut (), (track, out): (&&[TrackPlot], &mut Vec<SmoothedRow>)| {
         *out = flight::smooth(movement, track, times, guard);
         contradiction::add_contradictions(track, out);
+        if movement.turns() {
+            unmodelled::add_unmodelled(track, guard, out);
+        }
         Ok(())
     };
     let items = tracks.iter().zip(&mut rows);

@@ -24,6 +24,13 @@ const CLEARLY: f64 = 5.0;
 /// tried even if sharper ones do not help.
 const CHANCE: f64 = 0.005;
 const MANY: f64 = 0.05;
+/// Mean of the squared normalised innovations, relative to its expected value, from which on sharper manoeuvres
+/// are tried, too.
+const SCATTERED: f64 = 1.3;
+/// Number of standard deviations by which this mean exceeds 1, at least.
+const SURE: f64 = 3.0;
+/// Rates at which targets circle, rad/s, and largest turns from plot to plot that can be followed, rad.
+const CIRCLING: [(f64, f64); 2] = [(0.19, 0.76), (0.31, 1.25)];
 
 /// A plot of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,7 +148,7 @@ pub(super) fn smooth(
     rows
 }
 
-/// Smooths the plots, and again with sharper manoeuvres if more plots are left out than by chance.
+/// Smooths the plots, and again with sharper manoeuvres if more plots are left out, or farther off, than by chance.
 /// What makes the plots clearly likelier is kept: a target that manoeuvres more sharply than most
 /// would otherwise lose its plots in turns.
 fn likeliest(
@@ -155,20 +162,44 @@ fn likeliest(
     let mut top = found.log_density(guard);
     let count = |used: &[bool]| used.iter().filter(|used| **used).count();
     let left_out = count(&given.used) - count(&record.used);
-    if left_out as f64 <= CHANCE * given.used.len() as f64 {
+    let (scatter, count) = found.scatter(guard);
+    let is_scattered = scatter > SCATTERED.max(1.0 + SURE / count.sqrt());
+    let is_scattered = is_scattered && movement.turns();
+    if left_out as f64 <= CHANCE * given.used.len() as f64 && !is_scattered {
         return found;
     }
-    for factor in SHARPER {
+    let mut is_better = |movement: &Movement| {
         let mut again = given.clone();
-        let other = again.smooth(&movement.sharper(factor), wanted, guard);
+        let mut other = again.smooth(movement, wanted, guard);
         let value = other.log_density(guard);
-        if value >= top + CLEARLY {
+        let is_better = value >= top + CLEARLY;
+        if is_better {
+            let solutions = other.solutions.iter_mut().flatten();
+            solutions.for_each(|solution| solution.own[TURN] += movement.mean_rate);
             (*record, found, top) = (again, other, value);
-        } else if left_out as f64 <= MANY * given.used.len() as f64 {
+        }
+        is_better
+    };
+    let is_sharp = is_scattered || left_out as f64 > MANY * given.used.len() as f64;
+    for factor in SHARPER {
+        if !is_better(&movement.sharper(factor)) && !is_sharp {
             break;
         }
     }
+    if is_sharp {
+        for rate in circling(&given.time) {
+            is_better(&movement.circling(rate));
+        }
+    }
     found
+}
+
+/// Rates of turn at which targets circle and that plots at these times can follow, rad/s.
+fn circling(times: &[f64]) -> impl Iterator<Item = f64> {
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY);
+    CIRCLING.into_iter().map(move |(rate, angle)| rate.min(angle / usual)).flat_map(|r| [r, -r])
 }
 
 /// The times of the plots and the additional times, in order and each only once.

@@ -45,6 +45,8 @@ pub struct Movement {
     /// Random walk of the rate of turn, rad/s per root of a second, and its standard deviation,
     /// rad/s.
     pub turn_rate: [f64; 2],
+    /// Mean rate of turn, rad/s: the state of the model is the difference from it.
+    pub mean_rate: f64,
     /// The same for the acceleration along the course, m/s² per root of a second and m/s².
     pub acceleration: [f64; 2],
     /// Rates of changes from one model (row) to another (column), per second; rows sum to zero.
@@ -64,6 +66,11 @@ impl Default for Movement {
     }
 }
 
+/// Standard deviation of the rate at which a target circles, relative to this rate; its random walk, and the mean
+/// duration of circling, relative to those of usual turns.
+const CIRCLING_SPREAD: f64 = 0.35;
+const CIRCLING_WALK: f64 = 5.0;
+const CIRCLING_LONGER: f64 = 5.0;
 /// Time after which changes of models are in balance, s.
 const FOREVER: f64 = 1e6;
 
@@ -90,10 +97,16 @@ impl Movement {
         Self {
             sigma: [model.straight_sigma, model.turn_sigma, model.straight_sigma],
             turn_rate: [model.turn_rate_walk, model.turn_rate_sigma],
+            mean_rate: 0.0,
             acceleration: [ACCELERATION_WALK, 1.0].map(|share| share * model.acceleration_sigma),
             rates,
             stationary: exponential(&rates, FOREVER)[STRAIGHT],
         }
+    }
+
+    /// Whether targets turn.
+    pub(super) fn turns(&self) -> bool {
+        self.stationary[TURN] > 0.0
     }
 
     /// The same for targets whose manoeuvres are `factor` times as sharp: they also change faster.
@@ -104,6 +117,22 @@ impl Movement {
             sigma: [straight, factor * turn, speed],
             turn_rate: [factor * factor * walk, factor * sigma],
             acceleration: self.acceleration.map(|own| factor * own),
+            ..self
+        }
+    }
+
+    /// The same for targets that circle at about this rate, rad/s, as gliders do in thermals.
+    pub(super) fn circling(self, rate: f64) -> Self {
+        let [walk, _] = self.turn_rate;
+        let mut rates = self.rates;
+        let ends = rates[TURN][STRAIGHT];
+        rates[TURN][STRAIGHT] = ends / CIRCLING_LONGER;
+        rates[TURN][TURN] += ends - rates[TURN][STRAIGHT];
+        Self {
+            turn_rate: [CIRCLING_WALK * walk, CIRCLING_SPREAD * rate.abs()],
+            mean_rate: rate,
+            rates,
+            stationary: exponential(&rates, FOREVER)[STRAIGHT],
             ..self
         }
     }
@@ -126,6 +155,10 @@ impl Movement {
 
 impl Models<STATES, MODELS> for Movement {
     const SIGNS: Vector<STATES> = [1.0, 1.0, -1.0, -1.0, -1.0];
+
+    fn backwards(&self) -> Self {
+        Self { mean_rate: -self.mean_rate, ..*self }
+    }
 
     fn predict(&self, model: usize, state: &mut State<STATES>, t: f64) {
         let f = match model {
@@ -161,8 +194,8 @@ impl Models<STATES, MODELS> for Movement {
 impl Movement {
     /// Moves the mean along a turn at the rate in the state; returns the derivatives.
     fn turn(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
-        let [x, y, vx, vy, rate] = state.mean;
-        let arc = Arc::new(rate, t);
+        let [x, y, vx, vy, own] = state.mean;
+        let arc = Arc::new(self.mean_rate + own, t);
         let velocity = [arc.cosine * vx - arc.sine * vy, arc.sine * vx + arc.cosine * vy];
         let left = Self::fading(self.turn_rate, t);
         let by_rate = arc.by_rate([vx, vy]);
@@ -171,7 +204,7 @@ impl Movement {
             y + arc.across * vx + arc.along * vy,
             velocity[0],
             velocity[1],
-            left * rate,
+            left * own,
         ];
         [
             [1.0, 0.0, arc.along, -arc.across, by_rate[0]],

@@ -148,6 +148,15 @@ impl<const N: usize, const M: usize, const D: usize> Passes<N, M, D> {
     }
 }
 
+impl<const N: usize, const M: usize> Passes<N, M, 2> {
+    /// Mean of the squared normalised distances, relative to its expected value, and the number of them.
+    pub fn scatter(&self, guard: f64) -> (f64, f64) {
+        let known = self.innovations.iter().flatten().map(|own| 0.5 * own.distance.min(guard));
+        let (sum, count) = known.fold((0.0, 0.0), |(sum, count), own| (sum + own, count + 1.0));
+        (sum / count, count)
+    }
+}
+
 /// Squared distance from which a rate is wrong in any case, relative to that of the guard gate.
 const WRONG: f64 = 30.0;
 

@@ -30,6 +30,11 @@ pub(super) trait Models<const N: usize, const M: usize> {
     /// Probabilities of the models when nothing is known.
     fn stationary(&self) -> [f64; M];
 
+    /// The motion when time runs backwards.
+    fn backwards(&self) -> Self
+    where
+        Self: Sized;
+
     /// A state about `near` that contains no information but what all targets have in common.
     fn unknown(&self, near: &State<N>) -> State<N>;
 
@@ -95,6 +100,8 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         each(Place::At(last), &forward[last], &filtered);
         let near = filtered.moments().reversed(&L::SIGNS);
         // backwards, probabilities are likelihoods, which are equal without measurements
+        let backwards = self.models.backwards();
+        let against = TwoFilter { models: &backwards, instants: self.instants, fixes: self.fixes };
         let present = self.models.stationary().map(|p| if p > 0.0 { 1.0 } else { 0.0 });
         let mut backward = self.models.begin(&near, present);
         let mut waiting = between.len();
@@ -107,11 +114,11 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
                 let (since, until) = (between[waiting] - time, next - between[waiting]);
                 let before = self.predicted(&filtered, since, &self.models.changes(since));
                 let after = transposed(&self.models.changes(until));
-                let after = self.predicted(&backward, until, &after);
+                let after = against.predicted(&backward, until, &after);
                 let both = self.combined(&before, &after);
                 each(Place::Between(waiting), &both, &both);
             }
-            backward = self.predicted(&backward, next - time, &transposed(&changes[k]));
+            backward = against.predicted(&backward, next - time, &transposed(&changes[k]));
             let without = self.combined(&forward[k], &backward);
             each(Place::At(k), &without, &self.corrected(&without, k));
         }

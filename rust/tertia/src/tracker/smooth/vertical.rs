@@ -34,6 +34,10 @@ fn rates() -> Matrix<MODELS> {
 impl Models<2, MODELS> for Vertical {
     const SIGNS: Vector<2> = [1.0, -1.0];
 
+    fn backwards(&self) -> Self {
+        *self
+    }
+
     fn predict(&self, model: usize, state: &mut State<2>, t: f64) {
         if model == LEVEL {
             state.redraw(CLIMB_SIGMA.powi(2));
