@@ -26,12 +26,15 @@ AGILE: dict[str, Scene] = {
     "small drones": Scene((0.0, 20.0), 2.5, 20.0, 4.0, 15.0, LENGTHS[2], 1500.0, 3.0, 0.5, 1.0),
 }
 AIRLINERS, HOLDING = "airliners on routes", "airliners in holdings"
+GLIDERS = "gliders in thermals"
 SETTINGS: dict[str, dict[str, Any]] = {
     "fighters": {"max_speed": 600.0},
     "small drones": {"profile": "drone"},
 }
 # of a holding: half a turn and a leg, s, and the rate of the turn, rad/s
 LEG, RATE = 60.0, np.radians(3.0)
+# of a glider: how long it climbs and then glides, s, and the wind, m/s
+CLIMB, GLIDE, WIND = 240.0, 60.0, 4.0
 
 
 def holdings(count: int, seed: int) -> simulate.Traffic:
@@ -41,18 +44,39 @@ def holdings(count: int, seed: int) -> simulate.Traffic:
     time = STEP * np.arange(steps) - random.uniform(60.0, 150.0, (count, 1))
     turning = (time > 0.0) & (time % (2 * LEG) < LEG)
     rate = random.choice([-RATE, RATE], (count, 1)) * turning
-    soft = np.ones(int(4.0 / STEP)) * STEP / 4.0
-    rate = np.stack([np.convolve(own, soft)[:steps] for own in rate])
-    course = random.uniform(0.0, 2 * np.pi, (count, 1)) + np.cumsum(rate, axis=1) * STEP
-    speed = random.uniform(90.0, 130.0, (count, 1, 1))
-    way = np.cumsum(speed * np.stack([np.sin(course), np.cos(course)], axis=-1), axis=1) * STEP
+    velocity = moving(rate, (90.0, 130.0), random)
+    way = np.cumsum(velocity, axis=1) * STEP
     return as_traffic(random.uniform(-60e3, 60e3, (count, 1, 2)) + way)
+
+
+def moving(
+    rate: FloatArray, speeds: tuple[float, float], random: np.random.Generator
+) -> FloatArray:
+    """Return velocities at these rates of turn, which change within four seconds."""
+    soft = np.ones(int(4.0 / STEP)) * STEP / 4.0
+    rate = np.stack([np.convolve(own, soft)[: len(own)] for own in rate])
+    course = random.uniform(0.0, 2 * np.pi, (len(rate), 1)) + np.cumsum(rate, axis=1) * STEP
+    speed = random.uniform(*speeds, (len(rate), 1, 1))
+    return np.asarray(speed * np.stack([np.sin(course), np.cos(course)], axis=-1))
+
+
+def gliders(count: int, seed: int) -> simulate.Traffic:
+    """Return gliders that circle in thermals, which drift with the wind, and glide to the next."""
+    random = generator(13, 3, seed)
+    time = STEP * np.arange(int(700.0 / STEP)) + random.uniform(0.0, CLIMB + GLIDE, (count, 1))
+    circling = time % (CLIMB + GLIDE) < CLIMB
+    rate = np.radians(random.uniform(13.0, 20.0, (count, 1))) * circling
+    velocity = moving(rate * random.choice([-1.0, 1.0], (count, 1)), (22.0, 28.0), random)
+    way = np.cumsum(velocity + random.normal(0.0, WIND, (count, 1, 2)), axis=1) * STEP
+    return as_traffic(random.uniform(-25e3, 25e3, (count, 1, 2)) + way)
 
 
 def flown(kind: str, seed: int) -> simulate.Traffic:
     """Return the targets of a scene."""
     if kind == HOLDING:
         return holdings(TARGETS, seed)
+    if kind == GLIDERS:
+        return gliders(TARGETS, seed)
     if kind == AIRLINERS:
         random, setting = generator(13, 1, seed), simulate.set_up("middle")
         routes = simulate.routes("middle", TARGETS, rng=random)
@@ -87,7 +111,7 @@ def errors(kind: str, seed: int) -> tuple[FloatArray, FloatArray]:
 def table() -> str:
     """Tabulate errors of velocities and how many are in their regions."""
     rows = []
-    for kind in (AIRLINERS, HOLDING, *AGILE):
+    for kind in (AIRLINERS, HOLDING, GLIDERS, *AGILE):
         several = [errors(kind, seed) for seed in range(SCENES)]
         error, covariance = (np.concatenate(column) for column in zip(*several, strict=True))
         cells = []
