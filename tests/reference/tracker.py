@@ -120,7 +120,7 @@ class Straight:
     def watch(self):
         """Plans have no say."""
 
-    def saw(self, y, s):
+    def saw(self, y, s, left):
         """All targets are alike."""
 
     def estimate(self):
@@ -162,6 +162,7 @@ class Multiple:
         self.probability = np.array([0.75, 0.25, 0.0])
         self.straight, self.turn = (x, p), self._entering(x, p, 2.0 * manoeuvres.turn_rate_sigma)
         self.level, self.lag, self.scatter = 0.0, np.zeros(2), 1.0
+        self.misfit, self.about, self.left = 1.0, 0.0, 1.0
         self.interval, self.since = 0.0, 0.0
         self._forget()
 
@@ -179,25 +180,31 @@ class Multiple:
             turn_sigma=settings.turn_sigma * np.exp(0.5 * max(self.level - self.SHARP, 0.0)),
         )
 
-    def saw(self, y, s):
-        """Compare an innovation of covariance s with those before."""
+    def saw(self, y, s, left):
+        """Compare an innovation of covariance s, which has left this share, with those before."""
         share = min(self.since / self.radar.scan_period, 1.0)
         product = 0.5 * y @ np.linalg.solve(s, self.lag)
         self.level = np.clip(
             self.level + 0.6 * share * (np.clip(product, -4.0, 4.0) - 0.02), 0.0, 6.6
         )
         self.lag = 0.5 * (self.lag + y)
-        self.scatter += 0.1 * (min(0.5 * y @ np.linalg.solve(s, y), 8.0) - self.scatter)
+        square = min(0.5 * y @ np.linalg.solve(s, y), 8.0)
+        self.scatter += 0.1 * (square - self.scatter)
+        self.misfit += 0.04 * (square - self.misfit)
+        self.about = (self.misfit - 1.0) * np.trace(s) / 2 if self.misfit > 1.4 else 0.0
+        self.left = left
         self.interval = 0.5 * (self.interval + self.since)
         self.since = 0.0
 
     def shown(self):
-        """Return the estimate, with the velocity by a manoeuvre not noticed yet."""
+        """Return the estimate, with manoeuvres not noticed yet and motion that no model has."""
         mean, covariance, turns = self.estimate()
         more = np.exp(max(self.level - self.SHARP, 0.0)) - 1.0
         square = self.interval * self.radar.scan_period * min(self.scatter, 1.0) ** 2
         variance = 1.3 * more * self.settings.turn_sigma**2 * square
-        covariance[2:, 2:] += variance * np.eye(2)
+        rate = min(0.35, np.pi / self.interval) if self.interval else 0.0
+        covariance[:2, :2] += self.left * self.about * np.eye(2)
+        covariance[2:, 2:] += (variance + self.about * rate**2) * np.eye(2)
         return mean, covariance, turns
 
     def _forget(self):
@@ -490,7 +497,7 @@ class Window:
             self.plan = None
         self.zone = self.plan is not None and -(0.7 * planned["lead"] + room) < s < end
 
-    def saw(self, y, s):
+    def saw(self, y, s, left):
         """All targets are alike."""
 
     def shown(self):
@@ -526,11 +533,12 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
         if is_beyond:
             probability = accelerated(model, positions[k], radar, extra)
             model.widen(probability * extra, probability >= 0.5)
-        mean, _, _ = model.estimate()
+        mean, wide, _ = model.estimate()
         r = noise(mean[:2], radar)
         model.correct(positions[k], r)
         if k > 2:
-            model.saw(positions[k] - mean[:2], before[:2, :2] + r)
+            left = np.trace(model.estimate()[1][:2, :2]) / np.trace(wide[:2, :2])
+            model.saw(positions[k] - mean[:2], before[:2, :2] + r, min(left, 1.0))
         model.watch()
         if isinstance(model, Straight) and k <= 2:
             own = begin(model.x, model.p, radar)

@@ -23,8 +23,9 @@ const SURE: f64 = 8.0;
 const LOST: f64 = -8.0;
 /// Least probability of the turn, if it is believed.
 const BELIEVED: f64 = 0.9;
-/// Least logarithm of the likelihood ratio of a plot.
-const LEAST: f64 = -8.0;
+/// Least and largest logarithm of the likelihood ratio of a plot: a single one, which may be an outlier, proves
+/// nothing.
+const OF_PLOT: [f64; 2] = [-8.0, 3.0];
 
 /// Turns at several rates, and logarithms of their likelihood ratios.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,7 +54,7 @@ impl Circles {
     pub fn correct<const AT: usize>(&mut self, z: [f64; 2], r: Plane, density: f64) {
         for (turn, odds) in &mut self.0 {
             let ratio = turn.correct_at::<AT>(z, r) / density;
-            *odds += ratio.ln().max(LEAST);
+            *odds += ratio.ln().max(OF_PLOT[0]).min(OF_PLOT[1]);
         }
     }
 
