@@ -54,7 +54,7 @@ impl Circles {
     pub fn correct<const AT: usize>(&mut self, z: [f64; 2], r: Plane, density: f64) {
         for (turn, odds) in &mut self.0 {
             let ratio = turn.correct_at::<AT>(z, r) / density;
-            *odds += ratio.ln().max(OF_PLOT[0]).min(OF_PLOT[1]);
+            *odds += ratio.ln().clamp(OF_PLOT[0], OF_PLOT[1]);
         }
     }
 
