@@ -76,11 +76,11 @@ def fields(result):
     return {"": result}
 
 
-def assert_same(found, expected):
-    """To the last bit, in all fields; where a result holds others, in theirs."""
+def assert_same(found, expected, names=None):
+    """To the last bit, in all fields or those named; where a result holds others, in theirs."""
     a, b = fields(found), fields(expected)
     assert a.keys() == b.keys()
-    for name in a:
+    for name in a if names is None else names:
         if dataclasses.is_dataclass(a[name]) or isinstance(a[name], (tuple, dict)):
             assert_same(a[name], b[name])
         else:

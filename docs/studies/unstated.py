@@ -14,7 +14,7 @@ from tertia.tracker import Plots, SmoothedTracks, TrackTable, smooth_tracks, tra
 
 SCENES = repetitions(5)
 FLIGHTS, DURATION, SETTLED = 25, 300.0, 30.0
-# larger noise of every third target, and distance at which noise along the line of sight is twice as large
+# factor of the noise of every third target; distance at which noise along the line of sight doubles
 LARGER, FAR = 5.0, 40e3
 # stated: m, m and rad
 SIGMA, RANGE_SIGMA, AZIMUTH_SIGMA = 10.0, 50.0, 0.0014

@@ -91,7 +91,7 @@ estimate_bearing(drift + rng.standard_normal(len(drift)), period=None)
 """,
     "estimate_bearing of groups": """
 from tertia.bearing import estimate_bearing
-theta = rng.normal(10.0, 1.0, (8_000, 12))
+theta = rng.normal(10.0, 1.0, (24_000, 12))
 ready()
 estimate_bearing(theta, groups=np.arange(12) // 3, n_threads=1)
 """,

@@ -99,7 +99,7 @@ impl<const KINDS: usize, const SIZE: usize> WithSimd for Scores<'_, KINDS, SIZE>
                 }
             }
             for p in 0..SIZE {
-                for q in 0..MOST {
+                for q in 0..SIZE {
                     sums.products[p][q] += score[p] * score[q];
                 }
             }

@@ -128,7 +128,9 @@ impl Individual {
         target.add(time, position, noise);
         let Some((difference, covariance, late)) = target.difference() else { return };
         let late = late.scaled(clock);
-        if let Some(ratio) = estimated.filter(|_| !differs && target.reports % REPORTS == 0) {
+        if let Some(ratio) =
+            estimated.filter(|_| !differs && target.reports.is_multiple_of(REPORTS))
+        {
             let common = covariance.scaled((ratio / assumed).max(1.0)).plus(late);
             if target.count > FEW {
                 let own = between(root(target.before), covariance).plus(late);
