@@ -179,7 +179,10 @@ impl Target {
         let duration = self.times[0] - self.times[REPORTS - 1];
         let [u, v] = [0, 1].map(|i| (last[i] - first[i]) / duration);
         let late = Plane { xx: u * u, xy: u * v, yy: v * v }.scaled(sum_of_squares);
-        let is_regular = covariance.determinant() > 0.0 && difference[0].is_finite();
+        // times that hardly differ may be too close for numbers
+        let is_regular = covariance.determinant() > 0.0
+            && covariance.determinant().is_normal()
+            && difference.iter().all(|x| x.is_finite());
         is_regular.then_some((difference, covariance, late))
     }
 
@@ -200,7 +203,10 @@ impl Target {
         };
         let found = Plane { xx: product(0, 0), xy: product(0, 1), yy: product(1, 1) };
         let step = between(root(self.size), found.plus(UNIT.scaled(-1.0)));
-        self.size = limited(self.size.plus(step.scaled(rate)), least);
+        let size = limited(self.size.plus(step.scaled(rate)), least);
+        if size.determinant().is_normal() {
+            self.size = size;
+        }
     }
 }
 
@@ -286,6 +292,18 @@ mod tests {
         }
         // errors that change slowly are not small
         assert!(!reports(|_| [1.0; 2], 0.0).differs());
+    }
+
+    #[test]
+    fn times_that_hardly_differ_teach_nothing() {
+        for step in [1e-30, 1e-80, 1e-300] {
+            let mut found = Individual::default();
+            for report in 0..40 {
+                let (time, position) = (step * f64::from(report), [f64::from(report % 3), 0.0]);
+                found.saw((0, 1), (time, position), (UNIT, 0.0), (1.0, Some(1.0)));
+            }
+            assert!(found.targets.values().all(|own| own.size == UNIT), "{step}");
+        }
     }
 
     #[test]
