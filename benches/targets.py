@@ -134,7 +134,7 @@ TARGETS = (
             (wanted,),
             "locate, 5% faults, an instant",
             "systematic errors are estimated from the whole batch first; with sigmas as stated, "
-            "`locate` takes half of this time or less",
+            "`locate` takes about a quarter of this time",
             stations,
         )
         for stations, before, wanted in (

@@ -65,24 +65,16 @@ def test_circling_is_no_noise(others):
     assert np.all(known < 1.3)
 
 
-def test_tracks_of_gliders_follow_their_turns():
-    """Before: 81 m and 27 m/s, and no velocity inside 95 %."""
+@pytest.mark.parametrize(
+    ("estimate", "off", "wrong"), [(track, 60.0, 20.0), (smooth_tracks, 45.0, 13.0)]
+)
+def test_gliders_are_followed(estimate, off, wrong):
+    """Before: 81 and 98 m, 27 and 25 m/s, and no velocity inside 95 %."""
     plots, target, truth = scene(3, 4.0, 15)
-    found = track(plots, [radar(4.0)])
-    position, inside, velocity, sure = judged(found[found.confirmed], target, truth)
-    assert position < 60.0
+    position, inside, velocity, sure = judged(estimate(plots, [radar(4.0)]), target, truth)
+    assert position < off
     assert inside > 0.85
-    assert velocity < 20.0
-    assert sure > 0.85
-
-
-def test_smoothed_tracks_of_gliders_follow_their_turns():
-    """Before: 98 m and 25 m/s, 1 % of the positions and no velocity inside 95 %."""
-    plots, target, truth = scene(3, 4.0, 15)
-    position, inside, velocity, sure = judged(smooth_tracks(plots, [radar(4.0)]), target, truth)
-    assert position < 45.0
-    assert inside > 0.85
-    assert velocity < 13.0
+    assert velocity < wrong
     assert sure > 0.85
 
 

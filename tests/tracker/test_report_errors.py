@@ -67,7 +67,7 @@ def test_each_target_has_its_own_noise(estimate):
     plots, sensors, number, place = reports(1, SIGMA, larger=5.0)
     table = estimate(plots, sensors)
     assert len(np.unique(table.track)) == TARGETS
-    # .5 before
+    # a sixth of the noisy ones before
     rows = table.plot >= 0
     noisy = np.zeros(len(rows), dtype=bool)
     noisy[rows] = number[table.plot[rows]] % 3 == 0
