@@ -13,12 +13,12 @@ from tertia.tracker import Plots, Tracker, smooth_tracks, track
 SCANS, TARGETS = 150, 12
 
 
-def scene(noise=1.0, correlation=0.0, seed=1):
+def scene(noise=1.0, correlation=0.0, seed=1, targets=TARGETS):
     """Return plots of aircraft that fly straight, and where they are."""
     rng = np.random.default_rng(seed)
     parts = []
-    for k in range(TARGETS):
-        time = 4.0 * np.arange(SCANS) + 4.0 * k / TARGETS
+    for k in range(targets):
+        time = 4.0 * np.arange(SCANS) + 4.0 * k / targets
         course = rng.uniform(0, 2 * np.pi)
         start = np.array([15e3 + 12e3 * (k % 4), 20e3 + 15e3 * (k // 4)])
         position = start + np.outer(time, 60.0 * np.array([np.sin(course), np.cos(course)]))
@@ -52,6 +52,16 @@ def test_a_recording_is_tracked_with_the_noise_that_it_has(options, before, most
     table = track(plots, [RADAR])
     assert np.mean(normalised(table, position)) < most < before + 0.2
     assert len(np.unique(table.track[table.confirmed])) == TARGETS
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_noise_of_a_few_targets_is_no_motion(seed):
+    # with a sigma of 24 to 32 m/s where it was known late, and then used in part
+    plots, _, position = scene(noise=2.0, seed=seed, targets=3)
+    rows = Tracker([RADAR]).update(plots)
+    rows = rows[rows.confirmed & (rows.plot >= 0) & (rows.time > 400.0)]
+    assert np.sqrt(np.median(rows.covariance[:, 2, 2])) < 6.0
+    assert np.mean(normalised(rows, position)) < 1.2
 
 
 def turning_scene(period, seed):

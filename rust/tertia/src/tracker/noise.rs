@@ -7,7 +7,7 @@
 //! their contrast is nearly free of accelerations, too. Differences of targets that turn for long are left out.
 //! The estimates do not depend on the filters, which use the estimated noise.
 
-use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
+use super::differences::{ENOUGH, SURE, Size, THIRD, WINDOW};
 use super::individual::{Individual, key};
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
@@ -107,7 +107,7 @@ fn factor(size: &Size, lasting: &Lasting, gain: f64) -> f64 {
             let kept = own * (1.0 - gain);
             (variance / third_of(own) * (1.0 + kept) / (1.0 - kept)).max(1.0)
         }
-        None => (variance * (-SURE * SPREAD / size.count.sqrt()).exp()).max(1.0),
+        None => size.sure(variance),
     }
 }
 

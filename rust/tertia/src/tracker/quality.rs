@@ -5,7 +5,7 @@
 //! differences, as reports come at any times. An error of the time is one of the position along the path that
 //! grows with the speed; across the path, there is only the error of the position.
 
-use super::differences::{ENOUGH, SPREAD, SURE, Size, THIRD, WINDOW};
+use super::differences::{ENOUGH, SPREAD, Size, THIRD, WINDOW};
 use super::plot::Measured;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
@@ -281,10 +281,9 @@ impl Reports {
     /// What is significant of the estimates; `period` is that of a radar.
     pub fn quality(&self, period: f64) -> Quality {
         let Some(ratio) = self.ratio() else { return self.grid.of_radar(period) };
-        let least = ratio * (-SURE * SPREAD / self.across.count.sqrt()).exp();
         let changing = self.clock();
         let clock = changing.max(self.grid.variance().min(MOST_LASTING * changing));
-        Quality { ratio: least.max(1.0), clock, lasting: clock - changing }
+        Quality { ratio: self.across.sure(ratio), clock, lasting: clock - changing }
     }
 
     /// Variance of the times that differences show, s²; 0 unless it is significant.
