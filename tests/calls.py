@@ -61,6 +61,8 @@ TRAFFIC = simulate.dense_traffic(3, duration=40.0, rng=1)
 FRAME = geo.LocalFrame(52.0, 11.0)
 STATES = {"time": TIME, "sensor": 0, "track": 1, "position": PATH, "velocity": VELOCITY}
 SERIES = {"z": Z, "measurement_variance": 0.01, "model": MODEL}
+WHOLE = SERIES | {"measurement_variance": RNG.uniform(0.01, 0.02, Z.shape),
+                  "time": np.cumsum(RNG.uniform(3.0, 5.0, Z.shape), axis=-1)}  # fmt: skip
 
 # every argument by its name
 CALLS: list[tuple[Any, dict[str, Any]]] = [
@@ -110,8 +112,10 @@ CALLS: list[tuple[Any, dict[str, Any]]] = [
     (kalman.AngleFilter, {"model": MODEL, "measurement_variance": 0.01}),
     (kalman.filter_series, SERIES),
     (kalman.filter_series, SERIES | {"time": TIME, "period": 360.0}),
+    (kalman.filter_series, WHOLE),
     (kalman.fit_noise, {"z": Z, "dt": 4.0}),
     (kalman.smooth_series, SERIES),
+    (kalman.smooth_series, WHOLE),
     (kalman.steady_state, {"model": MODEL, "measurement_variance": 0.01}),
     (smoothing.local_polynomial, {"y": Y}),
     (smoothing.local_polynomial, {"y": Y, "time": TIME, "degree": 2}),
@@ -128,6 +132,8 @@ CALLS: list[tuple[Any, dict[str, Any]]] = [
                              "range_sigma": 50.0, "azimuth_sigma": 0.01}),
     (fusion.fuse, {"estimates": PAIR, "covariances": COVARIANCES}),
     (fusion.fuse, {"estimates": PAIR, "covariances": COVARIANCES, "bias_sigma": None}),
+    (fusion.fuse, {"estimates": PAIR, "covariances": COVARIANCES,
+                   "cross_covariances": np.zeros((2, 2, 2, 2))}),
     (fusion.fuse, {"estimates": PAIR, "covariances": COVARIANCES,
                    "method": "covariance-intersection"}),
     (fusion.fuse_scalar, {"estimate": PAIR[0], "covariance": COVARIANCES[0], "h": [1.0, 0.0],

@@ -31,7 +31,6 @@ LAYOUTS = {
     "list": lambda y: y.tolist(),
     "object": lambda y: y.astype(object),
     "masked": np.ma.asarray,
-    "read-only": lambda y: np.frombuffer(y.tobytes()).reshape(y.shape),
 }
 
 

@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from checks import assert_batch_is_loop, assert_refused, assert_same, assert_threads, close, rng
+from checks import assert_batch_is_loop, assert_refused, assert_threads, close, rng
 from reference import bearing as reference
 from tolerances import PARITY, PARITY_WITH_OFFSET, VECTOR
 
@@ -319,22 +319,6 @@ class TestEveryMethod:
         assert_threads(lambda **options: estimate_bearing(theta, method=method, **options))
         assert_batch_is_loop(lambda rows: estimate_bearing(rows, method=method), theta)
         assert_batch_is_loop(lambda row: estimate_bearing(row, method=method), theta[0])
-
-    @pytest.mark.parametrize(
-        "lay_out",
-        [
-            np.asfortranarray,
-            lambda y: np.repeat(y, 2, axis=1)[:, ::2],
-            lambda y: y.astype(np.float32),
-            lambda y: y.astype(int),
-            lambda y: y.tolist(),
-        ],
-        ids=["columns", "strided", "float32", "int", "list"],
-    )
-    def test_layout_and_kind_of_numbers_do_not_matter(self, method, lay_out):
-        theta = np.round(direction_finder(40, batch=6, rng=9).theta)
-        found, expected = (estimate_bearing(t, method=method) for t in (lay_out(theta), theta))
-        assert_same(found, expected)
 
     def test_missing_measurements_are_left_out(self, method):
         theta = direction_finder(47, bearing=10.0, rng=10).theta

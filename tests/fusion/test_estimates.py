@@ -477,17 +477,6 @@ def test_no_instants(method):
     assert found.weights.shape == (0, 3, 2, 2)
 
 
-def test_order_in_memory_and_lists():
-    x, s, blocks = problem(3, 2, 24, 5)
-    plain = fuse(x, s, cross_covariances=blocks)
-    assert_same(
-        plain, fuse(np.asfortranarray(x), np.asfortranarray(s), cross_covariances=blocks.tolist())
-    )
-    assert_same(
-        plain, fuse(x, s, cross_covariances=np.moveaxis(np.moveaxis(blocks, 0, -1).copy(), -1, 0))
-    )
-
-
 def test_results():
     x = [[10, 20], [13, 21]]
     found = fuse(x, TWO)

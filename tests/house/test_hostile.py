@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from calls import CALLS
-from checks import INF, NAN, assert_same
+from checks import INF, NAN
 
 MODULES = (
     "screening", "bearing", "weights", "location", "kalman", "smoothing", "trajectory", "fusion",
@@ -92,25 +92,3 @@ def test_wrong_arguments_are_refused(call: tuple[Any, dict[str, Any]]) -> None:
             outcome = attempt(function, given | {name: bad})
             assert outcome == "", (name, bad)
             assert time.process_time() - begin < LONGEST, (name, bad)
-
-
-def packed(array: Any) -> Any:
-    """Return the same values as a field of records without padding, as binary recordings have."""
-    records = np.zeros(array.shape, dtype=[("flag", "u1"), ("value", array.dtype)])
-    records["value"] = array
-    return records["value"]
-
-
-@pytest.mark.parametrize(
-    "call", CALLS, ids=[f"{at}-{f.__qualname__}" for at, (f, _) in enumerate(CALLS)]
-)
-@pytest.mark.filterwarnings("ignore:.*probability at max_range")
-@pytest.mark.filterwarnings("ignore:arrival_time is about .*has steps of")
-def test_fields_of_packed_records_are_read(call: tuple[Any, dict[str, Any]]) -> None:
-    function, given = call
-    if "rng" in inspect.signature(function).parameters:
-        given = given | {"rng": 0}
-    arrays = {name: one for name, one in given.items() if isinstance(one, np.ndarray)}
-    expected = function(**given) if arrays else None
-    for name, array in arrays.items():
-        assert_same(function(**given | {name: packed(array)}), expected)

@@ -263,19 +263,7 @@ class TestAutocorrelation:
     ],
     ids=["nees", "nis", "rmse", "autocorrelation"],
 )
-def test_arrays_may_look_as_they_like_and_are_left_alone(call):
-    a, p = rng(1).normal(size=(4, 3)), np.abs(covariances(4))
-    p += 10 * np.eye(3)
-    p = (p + np.swapaxes(p, -1, -2)) / 2
-    expected = call(a, p)
-    before = a.copy(), p.copy()
-    for array in (a.tolist(), np.asfortranarray(a), np.repeat(a, 2, axis=0)[::2]):
-        np.testing.assert_allclose(call(array, p), expected, rtol=1e-14)
-    single = a.astype(np.float32)
-    np.testing.assert_allclose(call(single, p), call(single.astype(float), p), rtol=1e-14)
-    a.flags.writeable = p.flags.writeable = False
-    np.testing.assert_array_equal(call(a, p), expected)
-    np.testing.assert_array_equal(a, before[0])
-    np.testing.assert_array_equal(p, before[1])
+def test_masked_elements_are_missing(call):
+    a, p = rng(1).normal(size=(4, 3)), np.abs(covariances(4)) + 10 * np.eye(3)
     masked = np.ma.array(a, mask=[[False, True, False]] * 4)
     np.testing.assert_array_equal(call(masked, p), call(masked.filled(NAN), p))
