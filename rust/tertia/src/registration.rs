@@ -51,7 +51,7 @@ mod watch;
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
-pub use exchange::{Changed, Learnt, Other, Update, Updates};
+pub use exchange::{Changed, Other, Update, Updates};
 pub use lines::{Line, PolarPlot, lines};
 pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};

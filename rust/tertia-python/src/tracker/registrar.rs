@@ -109,7 +109,7 @@ impl Registrar {
         let mut told = Told::take(py, &table, (&plots, &azimuth_sigmas), (first, begin))?;
         let tracks = release(py, 1e3 * told.count() as f64, || {
             let loose = told.loose(track_of_plot);
-            self.0.learn_rows(&mut told, &loose, &noise, (time, Some(alive)))
+            self.0.learn(&mut told, &loose, &noise, (time, Some(alive)))
         });
         told.put_back(py, &table);
         let tracks = tracks?;

@@ -15,26 +15,6 @@ use std::collections::BinaryHeap;
 /// Index that stands for no row or no column.
 const NONE: u32 = u32::MAX;
 
-/// Returns the column of each row for the largest sum of the gains. Ties are broken by the indices,
-/// not by the order of `pairs`.
-///
-/// # Panics
-/// An index that is not below `rows` or `columns`.
-#[must_use]
-pub fn assign(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
-    Assigner::default().assign(pairs, rows, columns).to_vec()
-}
-
-/// Returns the column of each row if the best remaining pair is taken repeatedly; of equal gains, the
-/// pair with the first row, then with the first column. Cost O(P log P).
-///
-/// # Panics
-/// An index that is not below `rows` or `columns`.
-#[must_use]
-pub fn nearest(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
-    Assigner::default().nearest(pairs, rows, columns).to_vec()
-}
-
 /// A pair in the list of its row.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
@@ -99,7 +79,8 @@ pub struct Assigner {
 }
 
 impl Assigner {
-    /// Assigns as the function [`assign`].
+    /// Returns the column of each row for the largest sum of the gains. Ties are broken by the indices,
+    /// not by the order of `pairs`.
     ///
     /// # Panics
     /// An index that is not below `rows` or `columns`.
@@ -128,7 +109,8 @@ impl Assigner {
         &self.result
     }
 
-    /// Assigns as the function [`nearest`].
+    /// Returns the column of each row if the best remaining pair is taken repeatedly; of equal gains, the
+    /// pair with the first row, then with the first column. Cost O(P log P).
     ///
     /// # Panics
     /// An index that is not below `rows` or `columns`.
@@ -337,6 +319,14 @@ mod tests {
             }
         }
         best
+    }
+
+    fn assign(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
+        Assigner::default().assign(pairs, rows, columns).to_vec()
+    }
+
+    fn nearest(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
+        Assigner::default().nearest(pairs, rows, columns).to_vec()
     }
 
     fn drawn(random: &mut Random, rows: usize, columns: usize, share: f64) -> Vec<Pair> {

@@ -131,12 +131,6 @@ impl Grid {
         }
     }
 
-    /// Number of points.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.entries.len()
-    }
-
     /// Whether there are no points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -278,7 +272,7 @@ mod tests {
                 }
                 for cell in [1e-2, 1.0, 1e3] {
                     let grid = Grid::new(&points, cell).unwrap();
-                    assert_eq!(grid.len(), n);
+                    assert_eq!(grid.entries.len(), n);
                     for _ in 0..20 {
                         let centre = [random.symmetric(extent), random.symmetric(extent)];
                         for width in [0.0, 0.01 * extent, extent, 3e9, 1e300, f64::INFINITY] {
@@ -320,7 +314,7 @@ mod tests {
         let third = (0..points.len()).step_by(3);
         let mut grid = Grid::default();
         grid.fill_some((&points, third.clone()), |i| i as u32 + 1, 400.0).unwrap();
-        assert_eq!((grid.len(), grid.all().len()), (100, 100));
+        assert_eq!(grid.all().len(), 100);
         let own = |entry: &&Entry| {
             entry.tag == entry.index + 1 && entry.point == points[entry.index as usize]
         };

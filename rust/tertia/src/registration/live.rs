@@ -307,11 +307,7 @@ impl Registrar {
 
     /// Learns from blocks that end by a time. Returns the noise that was applied before, with and without the
     /// uncertainty of the errors, and the changes of the errors in units of the prior.
-    fn begin<U: Updates + ?Sized>(
-        &mut self,
-        updates: &U,
-        time: f64,
-    ) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
+    fn begin<U: Updates>(&mut self, updates: &U, time: f64) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
         let has_height = |row: usize| updates.get(row).plot.report.height.is_finite();
@@ -356,12 +352,7 @@ impl Registrar {
     }
 
     /// Sorts plots into blocks, and returns the blocks that end by a time.
-    fn closed<U: Updates + ?Sized>(
-        &mut self,
-        updates: &U,
-        time: f64,
-        longest: f64,
-    ) -> Vec<Vec<TargetPlot>> {
+    fn closed<U: Updates>(&mut self, updates: &U, time: f64, longest: f64) -> Vec<Vec<TargetPlot>> {
         let mut closed = Vec::new();
         for row in 0..updates.count() {
             if self.open.len() == OPEN && !self.open.contains_key(&updates.target(row)) {

@@ -19,7 +19,6 @@ use crate::base::batch::for_each_part;
 use crate::base::error::{Error, Result, require, require_positive};
 use crate::base::interrupt::poll;
 use crate::base::scratch::Scratch;
-use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
@@ -128,20 +127,6 @@ impl Tracker {
     /// Adds to the number of plots given so far.
     pub(super) fn count(&mut self, plots: usize) {
         self.plots += plots;
-    }
-
-    /// Returns the complete state of the tracker as bytes, exact to the last bit.
-    ///
-    /// # Panics
-    /// Never: the state can always be written.
-    pub fn to_bytes(&self) -> Vec<u8> {
-        saved(self)
-    }
-
-    /// Restores a tracker from the result of `to_bytes`; none if these bytes are something else, or are
-    /// damaged.
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        restored(bytes)
     }
 
     /// Returns the numbers of the confirmed tracks and their positions `seconds` after `time`: along the

@@ -4,7 +4,7 @@ use super::{FORGOTTEN, Registrar};
 use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use crate::registration::block::Unknowns;
-use crate::registration::exchange::{Changed, Given, Learnt, Update, Updates};
+use crate::registration::exchange::{Changed, Update, Updates};
 use crate::registration::followed::{self, Blocks, Followed};
 use crate::registration::settled::Settled;
 use crate::registration::sighting::{Errors, Report, Sighting};
@@ -23,25 +23,12 @@ const FOLLOWED_NS: f64 = 300.0;
 const STOPPABLE_NS: f64 = 1e8;
 
 impl Registrar {
-    /// Learns, up to a time, from the rows of tracks and from plots that no confirmed track has taken. `used`
-    /// are, for each radar, the standard deviations of range and azimuth with which the tracks were made, and
-    /// those that the tracker has found for errors that last.
-    pub fn learn(
-        &mut self,
-        updates: &[Update],
-        loose: &[Report],
-        used: &[[[f64; 2]; 2]],
-        time: f64,
-    ) -> Learnt {
-        let mut given = Given::new(updates);
-        let tracks = self.learn_rows(&mut given, loose, used, (time, None));
-        Learnt { rows: given.changes, tracks }
-    }
-
-    /// As [`Registrar::learn`], for rows that are stored elsewhere and are changed in place. Returns by how
+    /// Learns, up to a time, from the rows of tracks, which are changed in place, and from plots that no
+    /// confirmed track has taken. `used` are, for each radar, the standard deviations of range and azimuth with
+    /// which the tracks were made, and those that the tracker has found for errors that last. Returns by how
     /// much each track is to move, at the time of its last row. Tracks that were never confirmed are dropped
     /// unless their numbers are in `alive`, which is sorted.
-    pub fn learn_rows<U: Changed>(
+    pub fn learn<U: Changed>(
         &mut self,
         updates: &mut U,
         loose: &[Report],

@@ -1,7 +1,26 @@
 use super::*;
+use crate::registration::exchange::Changed;
 use crate::registration::sighting::tests::{PRIOR, close, radar};
 use crate::registration::sums::Sums;
 use nalgebra::{Matrix2, Matrix4, Vector2};
+
+impl Updates for Vec<Update> {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn target(&self, row: usize) -> i64 {
+        self[row].plot.target
+    }
+
+    fn get(&self, row: usize) -> Update {
+        self[row].clone()
+    }
+}
+
+impl Changed for Vec<Update> {
+    fn change(&mut self, _: usize, _: &[f64; 4], _: &[f64; 16]) {}
+}
 
 fn registrar() -> Registrar {
     Registrar::new(
@@ -131,7 +150,7 @@ fn a_clock_is_taken_out_by_steps() {
     let mut registrar = registrar();
     registrar.known.mean[CLOCK] = -25.0;
     for expected in [-1.0, -2.0, -2.5, -2.5] {
-        registrar.learn(&[], &[], &[], 0.0);
+        registrar.learn(&mut Vec::new(), &[], &[], (0.0, None));
         let [.., clock] = registrar.taken_out()[0];
         assert!((clock - expected).abs() < 1e-12, "{clock} {expected}");
         assert!((registrar.errors()[0][CLOCK] + 2.5).abs() < 1e-12);
@@ -180,15 +199,15 @@ fn first(registrar: &Registrar) -> &Followed {
 #[test]
 fn the_first_block_teaches_and_moves_the_track() {
     let mut registrar = two();
-    registrar.learn(&rows(), &[], &[[[0.0; 2]; 2]; 2], 8.0);
+    registrar.learn(&mut rows(), &[], &[[[0.0; 2]; 2]; 2], (8.0, None));
     assert_eq!(registrar.known.mean.amax(), 0.0);
     let before = first(&registrar).clone();
-    let learnt = registrar.learn(&[], &[], &[[[0.0; 2]; 2]; 2], 60.0);
+    let tracks = registrar.learn(&mut Vec::new(), &[], &[[[0.0; 2]; 2]; 2], (60.0, None));
     let offset = registrar.errors()[1][0];
     assert!((50.0..150.0).contains(&offset), "{offset}");
     assert!(registrar.sigmas()[1][0] < 0.9 * PRIOR[0]);
     let by = [0, 1].map(|k| std::array::from_fn(|j| registrar.known.mean[ERRORS * k + j]));
-    let (number, _, moved) = learnt.tracks[0];
+    let (number, _, moved) = tracks[0];
     assert_eq!((number, moved), (1, before.moved(&by)));
     assert!(moved[0].hypot(moved[1]) > 5.0, "{moved:?}");
     assert!((first(&registrar).position[0] - before.position[0] - moved[0]).abs() < 1e-9);
