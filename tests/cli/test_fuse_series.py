@@ -535,8 +535,6 @@ def test_figure(write: Write, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["absent.csv"], 2, "there is no file absent.csv"),
-        (["header.csv"], 1, "header.csv is empty"),
         (["long.csv", "long.csv"], 2, "two files have the name long: add a column sensor"),
         (
             ["p.csv", "--value", "x"],
@@ -619,7 +617,6 @@ def test_figure(write: Write, tmp_path: Path) -> None:
             1,
             "mixedtime.csv, line 3: time_s is '2026-01-01T00:00:02Z'; it must .*",
         ),
-        (["text.csv"], 1, "text.csv, line 3: azimuth_deg is 'x'; it must be a finite number"),
         (["nothing.csv"], 1, "there are no plots: azimuth_deg is missing in every row"),
         (
             ["flat.csv", "dates.csv"],
@@ -630,10 +627,6 @@ def test_figure(write: Write, tmp_path: Path) -> None:
         (["p.csv", "--alpha", "-1"], 2, "alpha is -1.*"),
         (["p.csv", "--acceleration-sigma", "-1"], 2, "acceleration_sigma is -1.*"),
         (["p.csv", "--period", "-1"], 2, "period is -1.*"),
-        (["p.csv", "--output", "x.xls"], 2, "cannot write x.xls: its name must end in .csv, .*"),
-        (["p.csv", "--plot", "x.xls"], 2, "cannot write x.xls: its name must end in .*"),
-        (["long.csv", "--output", "no/x.csv"], 1, "cannot write no/x.csv: .*"),
-        (["long.csv", "--plot", "no/x.png"], 1, "cannot write no/x.png: .*"),
     ],
 )
 def test_errors_are_one_clear_line(
@@ -643,7 +636,6 @@ def test_errors_are_one_clear_line(
     two = "time_s,azimuth_deg\n"
     z = np.random.default_rng(0).normal(50, 1, 30)
     files = {
-        "header": two,
         "p": "time_s,sensor,azimuth_deg,s,g\n"
         + "".join(f"{i},A,{i}.5,1,1\n{i},B,{i}.4,{1 if i else ''},{i - 1}\n" for i in range(4))
         .replace("0,B,0.4,,-1", "0,B,0.4,1,-1")
@@ -655,7 +647,6 @@ def test_errors_are_one_clear_line(
         "nosensor": "time_s,sensor,azimuth_deg\n0,A,1\n1,-,1\n",
         "badtime": two + "0,1\nnoon,2\n",
         "mixedtime": two + "2026-01-01T00:00:01,1\n2026-01-01T00:00:02Z,2\n",
-        "text": two + "0,1\n1,x\n",
         "nothing": two + "0,\n1,NA\n",
         "dates": two + "2026-01-01 10:00,1\n",
         "long": two + "".join(f"{i},{v}\n" for i, v in enumerate(z)),
@@ -666,19 +657,3 @@ def test_errors_are_one_clear_line(
     done = run(*arguments)
     assert done.code == code, done.err
     assert re.fullmatch(f"tertia: {message}\n", done.err)
-
-
-def test_errors_of_usage(write: Write) -> None:
-    path = write(lines())
-    for arguments in (["--method", "best"], ["--alpha", "many"], ["--colour", "red"]):
-        done = run(path, *arguments)
-        assert done.code == 2
-        assert arguments[0] in done.err
-    assert run().code == 2
-
-
-def test_help() -> None:
-    text = run("--help").out
-    for word in ("--column", "--value", "--sigma", "--alpha", "--by", "--method"):
-        assert word in text
-    assert "tertia fuse-series north.csv south.csv --sigma north=0.1" in text

@@ -283,6 +283,26 @@ def test_outputs_of_every_command(command: str, folder: Path, tmp_path: Path) ->
     assert (folder / file).read_bytes() == before
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_options_that_are_none_and_help(command: str, folder: Path) -> None:
+    file, options, _ = COMMANDS[command]
+    given = [folder / one if (folder / one).is_file() else one for one in options]
+    told = run(command, "--help").out
+    assert f"tertia {command} " in told
+    wrong: list[tuple[str, object, str]] = [("--colour", "red", "--colour")]
+    if "--method" in told:
+        wrong.append(("--method", "best", "--method"))
+    if "--plot" in told:
+        wrong.append(("--plot", "x.xls", "cannot write x.xls: its name must end in"))
+        wrong.append(("--plot", folder / "absent" / "x.png", "cannot write"))
+    if "--sensors" in options:
+        wrong += [("--sensors", f"absent.{kind}", "there is no file") for kind in ("csv", "toml")]
+    for option, value, said in wrong:
+        done = run(command, folder / file, *given, option, value)
+        assert done.code in {1, 2}
+        assert said in done.err
+
+
 @pytest.mark.parametrize(
     "command", [one for one, what in COMMANDS.items() if "--sensors" in what.options]
 )

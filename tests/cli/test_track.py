@@ -517,8 +517,6 @@ def changed(old: str, new: str) -> list[str]:
         (LINES, HEAD.replace("sensor", "r"), "has no column sensor; it has"),
         (changed("west", "north"), HEAD, "line 2: sensor is 'north'; the sensors are"),
         (changed("west", ""), HEAD, "line 2: sensor is missing"),
-        (changed("50000", "far"), HEAD, "line 2: range_m is 'far'; it must be a finite number"),
-        (changed("50000", "inf"), HEAD, "line 2: range_m is 'inf'"),
         (changed("0,west", ",west"), HEAD, "line 2: time_s is missing"),
         (changed("0,west", "noon,west"), HEAD, "time_s is 'noon'; it must be a number of seconds"),
         (changed(",,", ",,4A"), HEAD, "line 2: identity is '4A'; it must be a whole number"),
@@ -532,7 +530,6 @@ def changed(old: str, new: str) -> list[str]:
             HEAD.replace("identity", "icao_address"),
             "line 2: icao_address is '-4A'; it must be hexadecimal digits",
         ),
-        ([], HEAD, "plots.csv is empty"),
         ([",,,,,"], HEAD, "plots.csv is empty"),
         (["1,west,,3,,"], HEAD, "no plot can be used: time, range or azimuth is not"),
     ],
@@ -554,8 +551,6 @@ def test_mistakes_in_plots(
 @pytest.mark.parametrize(
     ("rows", "header", "message"),
     [
-        ([], RADAR_HEAD, "r.csv: there are no radars"),
-        (RADAR_ROWS[:1] * 2, RADAR_HEAD, "there are two radars west"),
         (RADAR_ROWS, RADAR_HEAD.replace("scan_period_s", "p"), "scan_period_s of west is missing"),
         (RADAR_ROWS, RADAR_HEAD.replace("name", "n"), "has no column name"),
         (
@@ -617,8 +612,6 @@ def test_mistakes_in_plans(
             "twice; if its name differs between the files, rename the column in one of them",
         ),
         (("--column", "time_s=t"), "has no column t; it has time_s"),
-        (("--output", "o.xlsx"), "its name must end in .csv, .json, .parquet"),
-        (("--plot", "p.doc"), "its name must end in"),
         (("--plans", "nowhere.json"), "there is no file nowhere.json"),
     ],
 )
@@ -628,17 +621,6 @@ def test_wrong_options(options: Any, message: str, write: Write, radars: Path) -
     assert done.out == ""
     assert message in done.err
     assert done.err.count("\n") == 1
-
-
-def test_files_that_are_not_there_or_cannot_be_written(
-    write: Write, radars: Path, tmp_path: Path
-) -> None:
-    path = write()
-    assert run(tmp_path / "no.csv", "--sensors", radars).err.startswith("tertia: there is no file")
-    assert run(path, "--sensors", tmp_path / "no.toml").err.startswith("tertia: there is no file")
-    blocked = run(path, "--sensors", radars, "--output", tmp_path / "no" / "o.csv")
-    assert (blocked.code, blocked.err.count("\n")) == (1, 1)
-    assert "cannot write" in blocked.err
 
 
 @pytest.mark.parametrize(
@@ -929,7 +911,6 @@ def test_mistakes_in_the_truth(
     [
         (("--max-distance", 0), "max_distance is 0"),
         (("--update-interval", -4), "update_interval is -4"),
-        (("--output", "o.txt"), "its name must end in"),
         (("--output", "o.csv", "--targets", "o.csv"), "two results would be written to o.csv"),
     ],
 )
@@ -963,14 +944,3 @@ def test_the_example_can_be_made_again() -> None:
     seen = made["record"]()
     found = track(seen.plots, made["radars"](), plans=made["plans"]())
     assert plot.tracks(found).get_title() == "12 tracks"
-
-
-@pytest.mark.parametrize("command", ["track", "evaluate"])
-def test_help(command: str) -> None:
-    told = run("--help", command=command).out
-    words = {
-        "track": ("--sensors", "--plans", "--column"),
-        "evaluate": ("--truth", "--update-interval"),
-    }
-    for word in (*words[command], "--output", "--plot", f"tertia {command} "):
-        assert word in told
