@@ -6,14 +6,11 @@
 //! components are solved separately; single pairs and rows with free columns need no search. If
 //! nearly all pairs are given, a matrix is faster than lists of pairs.
 
-use super::dense::{Dense, is_dense};
+use super::dense::{Dense, NONE, is_dense};
 use super::pair::Pair;
 use crate::base::interrupt::poll;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
-
-/// Index that stands for no row or no column.
-const NONE: u32 = u32::MAX;
 
 /// A pair in the list of its row.
 #[derive(Clone, Copy, Debug)]

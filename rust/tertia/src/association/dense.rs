@@ -13,7 +13,7 @@ type Lane = [f64; WIDEST];
 const SHARE: usize = 4;
 const LEAST: usize = 4096;
 /// Index that stands for no row or no column.
-const NONE: u32 = u32::MAX;
+pub(super) const NONE: u32 = u32::MAX;
 
 /// Whether a matrix is faster than lists of pairs.
 pub(super) fn is_dense(pairs: usize, rows: usize, columns: usize) -> bool {

@@ -15,7 +15,7 @@ const MIN_NANOSECONDS_TO_STOP: f64 = 1e8;
 /// Largest number of threads: more than the cores of any machine today.
 const MAX_THREADS: usize = 256;
 /// Number of shares of the work per thread, so that a thread on a busy core does not delay the others.
-const SHARES_PER_THREAD: usize = 8;
+pub(crate) const SHARES_PER_THREAD: usize = 8;
 
 /// The first row that failed, with its error.
 #[derive(Clone, Debug, PartialEq)]

@@ -17,7 +17,7 @@ const SMALLEST_TERM: f64 = 1e-20;
 const STIRLING_FROM: f64 = 20.0;
 
 /// `P(|Z| > 2)` of a normal variable, as it is usually rounded.
-const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
+pub(crate) const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
 /// From this number of degrees of freedom on, the cube root of chi-square is normal to within 1e-7.
 const CUBE_ROOT_FROM: f64 = 1e5;
 

@@ -13,7 +13,7 @@ pub(crate) type Square<D> = OMatrix<f64, D, D>;
 /// Range of variances for which products of four standard deviations and their reciprocals remain finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
 /// Largest difference of elements mirrored at the diagonal, in standard deviations.
-const ASYMMETRY: f64 = 1e-10;
+pub(crate) const ASYMMETRY: f64 = 1e-10;
 /// A matrix is semidefinite if its correlation matrix is, after this is added to the diagonal. It is
 /// larger than the rounding error of a zero, and smaller than any measurement resolves.
 const SEMIDEFINITE: f64 = 1e-13;

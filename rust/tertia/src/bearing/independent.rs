@@ -4,9 +4,9 @@ use super::modes::{Modes, Sums, excess};
 use crate::base::exponential::{LARGEST_EXPONENT, exp, sum_of_logarithms};
 use pulp::{Simd, WithSimd};
 
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 /// Ratios up to this have not been limited.
-const LARGE: f64 = 1e290;
+pub(super) const LARGE: f64 = 1e290;
 
 /// Computes the expected sums of the bad modes. O(N), without storage.
 struct Expect<'a, const KINDS: usize> {

@@ -4,6 +4,7 @@
 //! π, which are its stationary distribution for any κ. The forward and backward passes (Baum and others
 //! 1970) cost O(N) for each mode.
 
+use super::independent::{LANES, LARGE};
 use super::modes::{MOST_BAD, Modes, Sums, excess};
 use crate::base::exponential::exp;
 use pulp::{Simd, WithSimd};
@@ -11,9 +12,6 @@ use pulp::{Simd, WithSimd};
 /// Largest number of modes, including the good one.
 const MOST: usize = MOST_BAD + 1;
 
-const LANES: usize = 8;
-/// Ratios up to this have not been limited.
-const LARGE: f64 = 1e290;
 /// Sums outside this range are scaled to 1; sums within it remain finite when multiplied by a ratio.
 const USUAL: std::ops::Range<f64> = 1e-100..1e3;
 

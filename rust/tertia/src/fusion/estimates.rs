@@ -11,7 +11,8 @@ use crate::base::angle::{nearest, principal};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{
-    Square, assembled, is_large_semidefinite, read_covariance, symmetrise, with_order, write, zeros,
+    ASYMMETRY, Square, assembled, is_large_semidefinite, read_covariance, symmetrise, with_order,
+    write, zeros,
 };
 use crate::weights::COVARIANCES;
 use nalgebra::allocator::Allocator;
@@ -20,8 +21,6 @@ use nalgebra::{DefaultAllocator, Dim, OVector, U1};
 const CROSS: &str = "cross_covariances";
 /// Largest estimate; squares of larger differences overflow.
 const LARGEST: f64 = 1e150;
-/// Largest difference of two elements of a covariance that must be equal, in standard deviations.
-const ASYMMETRY: f64 = 1e-10;
 
 /// The fusion of K estimates of m components, with buffers that are reused from call to call.
 pub trait Fusing: Send {

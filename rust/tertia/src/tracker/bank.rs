@@ -19,8 +19,8 @@ pub(super) const TURN: usize = 1;
 pub(super) const PLAN: usize = 2;
 /// A change of speed: it takes the place of the plan if there is none.
 pub(super) const SPEED: usize = PLAN;
-/// A model below this probability is used neither for gates nor for scores.
-const NEGLIGIBLE: f64 = 0.005;
+/// A model below this probability is used neither for gates nor for scores, and is not compared with velocities.
+pub(super) const NEGLIGIBLE: f64 = 0.005;
 
 /// Probabilities of the changes from one model (row) to another (column).
 pub(super) type Transition = [[f64; MODELS]; MODELS];

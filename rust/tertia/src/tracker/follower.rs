@@ -3,15 +3,13 @@
 use super::agility::Agility;
 use super::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
 use super::estimate::{Estimate, POSITION};
+use super::filter::LEAST_DENSITY;
 use super::motion::ImmModel;
 use super::speed::SpeedChange;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// If the density of a plot by all models is less than this, all models exclude it, and it does not change
-/// their probabilities.
-const LEAST_DENSITY: f64 = 1e-300;
 /// Largest number of steps of Newton's method, and the distance at which it has converged, m.
 const STEPS: usize = 20;
 const ARRIVED: f64 = 1e-4;

@@ -1,14 +1,11 @@
 //! Corrects states by velocities that sensors report, in the same way as by positions.
 
-use super::bank::{Bank, without_rate};
+use super::bank::{Bank, NEGLIGIBLE, without_rate};
 use super::estimate::{Estimate, VELOCITY};
 use super::filter::{Filter, Multiple};
 use super::motion::Motion;
 use super::plot::Moving;
 use super::velocities::Velocities;
-
-/// A model below this probability is not compared with velocities.
-const NEGLIGIBLE: f64 = 0.005;
 
 impl Filter {
     /// Whether a velocity is in the gate of one of the models.

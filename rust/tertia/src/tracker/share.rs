@@ -9,7 +9,7 @@ use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Pair, is_inside};
-use crate::base::batch::for_each_part;
+use crate::base::batch::{SHARES_PER_THREAD, for_each_part};
 use std::hint::black_box;
 
 mod columns;
@@ -20,8 +20,6 @@ use columns::Columns;
 use view::Given;
 pub(super) use view::View;
 
-/// Shares per thread, so that a thread on a busy core does not hold up the others.
-pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Index that stands for no result, or for no row.
 const NOTHING: u32 = u32::MAX;
 /// Corners of an empty box.

@@ -1,10 +1,10 @@
 //! Uncertainty of a sample covariance.
 
-use crate::base::distribution::{normal_two_sided, student_two_sided_quantile, two_sigma};
+use crate::base::distribution::{
+    OUTSIDE_TWO_SIGMA, normal_two_sided, student_two_sided_quantile, two_sigma,
+};
 use crate::base::error::{Result, require};
 
-/// Probability that a normal variable is outside two sigmas, as it is usually rounded.
-const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
 /// From this number of degrees of freedom on, Student's distribution is treated as normal.
 const NORMAL_FROM: f64 = 1e9;
 
