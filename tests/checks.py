@@ -21,7 +21,11 @@ import numpy as np
 import pytest
 from tolerances import VECTOR
 
+from tertia import metrics
+
 NAN, INF = np.nan, np.inf
+# 95 % quantiles of chi-square with so many degrees of freedom
+WITHIN_95 = {1: 3.841459, 2: 5.991465, 3: 7.814728}
 # the same numbers in other forms, for functions of arrays
 LAYOUTS = {
     "columns": np.asfortranarray,
@@ -73,6 +77,11 @@ def fields(result):
     if isinstance(result, tuple):
         return {str(i): value for i, value in enumerate(result)}
     return {"": result}
+
+
+def in_region(error, covariance):
+    """Whether errors (..., m) lie in the 95 % regions of their covariances (..., m, m)."""
+    return metrics.nees(error, covariance) < WITHIN_95[np.shape(error)[-1]]
 
 
 def assert_same(found, expected, names=None):

@@ -9,6 +9,7 @@ from reference import fusion as reference
 from scipy import stats
 from tolerances import CHANCE
 
+from tertia import metrics
 from tertia.kalman import SingerModel
 from tertia.simulate import radars
 
@@ -26,8 +27,7 @@ def steps_of(model, times):
 def nees(result, truth, at):
     """Normalised squared error, per dimension, of every run."""
     error = result.mean[..., at, :] - truth[..., at, :]
-    solved = np.linalg.solve(result.covariance[..., at, :, :], error[..., np.newaxis])[..., 0]
-    return np.sum(error * solved, axis=-1) / 3
+    return metrics.nees(error, result.covariance[..., at, :, :]) / 3
 
 
 def bounds_of_nees(runs):

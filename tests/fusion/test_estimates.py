@@ -7,7 +7,7 @@ from reference import fusion as reference
 from scipy import stats
 from tolerances import CHANCE, INVERSES, VECTOR
 
-from tertia import weights
+from tertia import metrics, weights
 from tertia.fusion import fuse
 
 METHODS = ["matrix", "posterior", "covariance-intersection", "static", "equal"]
@@ -506,8 +506,7 @@ def test_normalised_errors(k):
 
     def squared(**options):
         found = fuse(errors, own(blocks), **options)
-        solved = np.linalg.solve(found.covariance, found.mean[..., np.newaxis])[..., 0]
-        return np.mean(np.sum(found.mean * solved, axis=-1))
+        return np.mean(metrics.nees(found.mean, found.covariance))
 
     for method in ("matrix", "posterior", "static", "equal"):
         assert low < squared(cross_covariances=blocks, **options_of(method, k)) < high

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import in_region
 from reference import location as reference
 from scipy import optimize
 
@@ -293,8 +294,7 @@ class TestErrorBars:
             hit = rng.uniform(size=z.shape) < 0.2
             z += hit * rng.uniform(50.0, 150.0, z.shape) * rng.choice([-1.0, 1.0], z.shape)
             fix = heard(ring, z, method="robust", multipath=False)
-            square = metrics.nees(fix.position - target, fix.covariance)[fix.success]
-            inside.append(square < 5.991)
+            inside.append(in_region(fix.position - target, fix.covariance)[fix.success])
         share = np.mean(np.concatenate(inside))
         assert 0.9 < share < 0.98
         assert len(np.concatenate(inside)) > 0.8 * 800
@@ -399,8 +399,7 @@ def test_many_outliers_of_range_differences_are_counted():
         way += (rng.random(way.shape) < 0.3) * rng.exponential(400.0, way.shape)
         difference = way[:, 1:] - way[:, :1]
         found = locate(places, range_difference=difference, range_difference_sigma=30 * 2**0.5)
-        squares = metrics.nees(found.position - truth, found.covariance)[found.success]
-        held += list(squares < 5.991)
+        held += list(in_region(found.position - truth, found.covariance)[found.success])
         located.append(np.mean(found.success))
     assert np.mean(held) > 0.85
     assert np.mean(located) > 0.75
@@ -431,8 +430,7 @@ def test_the_speed_of_the_signals_is_estimated(count):
         both = found.success & exact.success
         errors += list(np.sum((found.position - truth)[both] ** 2, axis=-1))
         known += list(np.sum((exact.position - truth)[both] ** 2, axis=-1))
-        squares = metrics.nees(found.position - truth, found.covariance)
-        held += list(squares[found.success] < 5.991)
+        held += list(in_region(found.position - truth, found.covariance)[found.success])
         speeds.append((found.propagation_speed - speed) / found.propagation_speed_sigma)
     assert np.mean(np.sort(errors)[: int(0.95 * len(errors))]) < 1.5**2 * np.mean(
         np.sort(known)[: int(0.95 * len(known))]

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checks import WITHIN_95, in_region
 
 from tertia._arrays import FloatArray
 from tertia.location import locate
 from tertia.sensors import Bias, Station
 
-INSIDE = 5.991
 SIGMA = np.radians(2.0)
 
 
@@ -44,7 +44,7 @@ def scored(offset: float, *, curved: bool, runs: int = 60, **options: Any) -> tu
         found = locate(stations(path, "car", **options), azimuth=azimuth)
         error = found.position - emitter
         square.append(error @ error)
-        inside.append(error @ np.linalg.solve(found.covariance, error) < INSIDE)
+        inside.append(in_region(error, found.covariance))
     return float(np.sqrt(np.mean(square))), float(np.mean(inside))
 
 
@@ -84,7 +84,7 @@ def test_the_bias_is_that_of_the_sensor() -> None:
     np.testing.assert_array_equal(one.covariance[0], found.covariance)
     # regions are as large as the covariance
     region = found.region(0.95)
-    area = np.pi * INSIDE * np.sqrt(np.linalg.det(found.covariance))
+    area = np.pi * WITHIN_95[2] * np.sqrt(np.linalg.det(found.covariance))
     assert region.area == pytest.approx(area, rel=0.3)
 
 
@@ -131,4 +131,4 @@ def test_an_error_is_no_full_circle() -> None:
     assert found.bias is not None
     assert np.asarray(found.bias.azimuth_sigma)[0] < np.radians(6.0)
     error = found.position - emitter
-    assert error @ np.linalg.solve(found.covariance, error) < INSIDE
+    assert in_region(error, found.covariance)

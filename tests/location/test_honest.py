@@ -4,7 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
+from checks import WITHIN_95
 
+from tertia import metrics
 from tertia.location import LocationStatus, locate
 from tertia.location._locate import _solved
 from tertia.sensors import Station
@@ -27,8 +29,8 @@ def bearings(places, targets, sigma, seed=0):
 def nees(found, truth):
     known = found.status == LocationStatus.OK
     error = (found.position - truth)[known]
-    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance[known]), error)
-    return np.mean(known), np.mean(squares) / 2, np.mean(squares < 5.991)
+    squares = metrics.nees(error, found.covariance[known])
+    return np.mean(known), np.mean(squares) / 2, np.mean(squares < WITHIN_95[2])
 
 
 @pytest.mark.parametrize("distance", [1000.0, 3000.0, 10_000.0])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import WITHIN_95, in_region
 
 from tertia import metrics
 from tertia.location import locate
@@ -31,8 +32,7 @@ def test_many_late_ranges_of_a_batch(count, outside):
         ranges += 0.1 * rng.standard_normal(ranges.shape)
         ranges += (rng.random(ranges.shape) < 0.4) * rng.exponential(1.0, ranges.shape)
         found = locate(places, range=ranges, range_sigma=0.1)
-        squares = metrics.nees(found.position - truth, found.covariance)[found.success]
-        held += list(squares < 7.815)
+        held += list(in_region(found.position - truth, found.covariance)[found.success])
         located.append(np.mean(found.success))
     assert np.mean(held) > 0.85
     assert np.mean(located) > 0.4
@@ -67,4 +67,4 @@ def test_late_ranges_of_five_anchors(share, delay):
         error = (found.position - truth)[found.success]
         errors += list(np.linalg.norm(error, axis=1))
         squares += list(metrics.nees(error, found.covariance[found.success]))
-    assert np.mean(np.array(squares) < 7.815) > 0.85
+    assert np.mean(np.array(squares) < WITHIN_95[3]) > 0.85

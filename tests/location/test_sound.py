@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from checks import in_region
 from scipy import stats
 
 from tertia.location import locate
 from tertia.sensors import Bias, Station
 
 SOUND, SIGMA, INSTANTS = 340.0, 1.0, 60
-LIMIT = stats.chi2.ppf(0.95, 2)
 
 
 def shots(seed, *, error=0.0, bias=0.0, stations=6):
@@ -34,8 +34,7 @@ def located(places, arrival, **options):
 
 def inside(fix, truth):
     error = fix.position - truth
-    inverse = np.linalg.inv(fix.covariance)
-    return np.mean(np.einsum("ni,nij,nj->n", error, inverse, error) < LIMIT)
+    return np.mean(in_region(error, fix.covariance))
 
 
 def test_a_wrong_speed_is_found_without_a_sigma():

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import polars as pl
 import pytest
-from scipy import stats
+from checks import WITHIN_95
 
-from tertia import tables
+from tertia import metrics, tables
 from tertia.location import Station, locate
 from tertia.trajectory import reconstruct
 
@@ -34,9 +34,7 @@ def scene(seed, receivers, count, strength):
 
 
 def squares(found, truth):
-    off = found.position - truth
-    inverse = np.linalg.inv(found.covariance[..., :2, :2])
-    return np.einsum("...i,...ij,...j", off, inverse, off)
+    return metrics.nees(found.position - truth, found.covariance[..., :2, :2])
 
 
 HEARD = {"arrival_time_sigma": SIGMA, "propagation_speed": SOUND}
@@ -53,7 +51,7 @@ def test_regions_hold_in_a_wind(receivers, strength):
         still = time + np.linalg.norm(truth[:, np.newaxis] - places, axis=-1) / SOUND
         still -= [travel(source, places, wind) for source in truth]
         exact = locate(places, arrival_time=still, **HEARD)
-        inside += list(squares(found, truth)[found.success] < stats.chi2.ppf(0.95, 2))
+        inside += list(squares(found, truth)[found.success] < WITHIN_95[2])
         both = found.success & exact.success
         error += list(np.sum((found.position - truth)[both] ** 2, axis=-1))
         known += list(np.sum((exact.position - truth)[both] ** 2, axis=-1))
@@ -72,7 +70,7 @@ def test_speed_and_wind_are_found_together():
         found = locate(
             places, arrival_time=time, arrival_time_sigma=SIGMA, wind_sigma=6.0, **stated
         )
-        inside += list(squares(found, truth)[found.success] < stats.chi2.ppf(0.95, 2))
+        inside += list(squares(found, truth)[found.success] < WITHIN_95[2])
         off = [found.propagation_speed - SOUND, *(found.wind - wind)]
         sigma = [found.propagation_speed_sigma, *np.sqrt(np.diagonal(found.wind_covariance))]
         pulls.append(np.divide(off, sigma))
@@ -90,7 +88,7 @@ def test_one_shot_tells_little_of_the_wind():
         except ValueError:
             continue
         count += 1
-        inside.append(squares(found, truth[0]) < stats.chi2.ppf(0.95, 2))
+        inside.append(squares(found, truth[0]) < WITHIN_95[2])
     assert count > 50
     assert np.mean(inside) > 0.83
 
@@ -106,10 +104,10 @@ def test_a_path_in_a_wind():
         stations = [Station(place, arrival_time_sigma=SIGMA) for place in places]
         options = {"arrival_time": time, "propagation_speed": SOUND}
         track = reconstruct(stations, instants, wind_sigma=6.0, **options)
-        inside.append(squares(track, path) < stats.chi2.ppf(0.95, 2))
+        inside.append(squares(track, path) < WITHIN_95[2])
         assert np.all(np.abs(track.wind - wind) < 6 * np.sqrt(np.diagonal(track.wind_covariance)))
         plain = reconstruct(stations, instants, **options)
-        others.append(squares(plain, path) < stats.chi2.ppf(0.95, 2))
+        others.append(squares(plain, path) < WITHIN_95[2])
         assert plain.wind is None
         square.append(np.sum((track.position - path) ** 2, axis=1))
         square_of_others.append(np.sum((plain.position - path) ** 2, axis=1))

@@ -15,7 +15,7 @@ import pytest
 from places import EXAMPLES
 from terminal import run
 
-from tertia import report, simulate
+from tertia import metrics, report, simulate
 from tertia.location import Station
 from tertia.report._bearings import hear
 from tertia.report._times import Times
@@ -258,7 +258,7 @@ def test_an_emitter_that_moves_has_a_path_and_no_position() -> None:
     path = hear(emitter, finders).path
     assert path is not None
     off = path.position - target
-    nees = np.einsum("ni,nij,nj->n", off, np.linalg.inv(path.covariance[:, :2, :2]), off) / 2
+    nees = metrics.nees(off, path.covariance[:, :2, :2]) / 2
     assert 0.2 < np.mean(nees) < 2.5
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from checks import rng
+from checks import in_region, rng
 
 from tertia.smoothing import smooth
 
@@ -26,8 +26,7 @@ def scene(kind, speed=8.0):
 
 def held(found, path, instants):
     error = (found.position - path)[:, instants]
-    inverse = np.linalg.inv(found.position_covariance[:, instants])
-    return np.mean(np.einsum("...i,...ij,...j", error, inverse, error) < 5.991)
+    return np.mean(in_region(error, found.position_covariance[:, instants]))
 
 
 @pytest.mark.parametrize("speed", [8.0, 200.0])

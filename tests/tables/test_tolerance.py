@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from checks import in_region
 
 from tertia import estimate_bearing, tables
 from tertia.sensors import Bias, Station
@@ -94,8 +95,7 @@ def located(scenes: list[tuple[np.ndarray, pl.DataFrame]], **options: Any) -> pl
     names = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
     first, second, both = found.select(names).to_numpy().T
     covariance = np.array([[first**2, both], [both, second**2]]).transpose(2, 0, 1)
-    solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
-    return found.with_columns(inside=np.sum(error * solved, axis=1) < 5.991)
+    return found.with_columns(inside=in_region(error, covariance))
 
 
 @pytest.mark.parametrize(("wrong", "bias"), [(0.2, 0.0), (0.2, 2.0)])

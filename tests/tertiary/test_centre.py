@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from checks import assert_threads
+from checks import assert_threads, in_region
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tertia import simulate
+from tertia import metrics, simulate
 from tertia.sensors import Bias, Radar
 from tertia.tertiary import FusionCentre, SensorTracks, fuse_tracks
 from tertia.tracker import Plots, track
@@ -366,8 +366,7 @@ def test_fused_tracks_are_as_good_as_a_tracker_of_all_plots_in_turns():
     rms = [np.sqrt(np.nanmedian(np.sum(e**2, axis=1))) for e in (error, other)]
     # pictures are some seconds older than the last plot of each target
     assert rms[0] < 1.25 * rms[1]
-    inverse = np.linalg.inv(found.covariance[:, :2, :2])
-    square = np.einsum("ni,nij,nj->n", error, inverse, error) / 2
+    square = metrics.nees(error, found.covariance[:, :2, :2]) / 2
     near = np.linalg.norm(error, axis=1) < 2000.0
     assert 0.7 < np.mean(square[near]) < 1.2
 
@@ -485,8 +484,7 @@ def test_regions_hold_whatever_other_filters_state(foreign, factor):
     error = found.position - flights.at(found.identity, found.time)[0]
     known = np.isfinite(error[:, 0])
     error, covariance = error[known], found.covariance[known][:, :2, :2]
-    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
-    assert 0.9 < np.mean(square < 5.991) < 0.995
+    assert 0.9 < np.mean(in_region(error, covariance)) < 0.995
     distance = np.linalg.norm(error, axis=1)
     assert np.median(distance) < 35.0
     assert np.quantile(distance, 0.98) < 250.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from checks import in_region
 
-from tertia.metrics import nees
 from tertia.sensors import Radar
 from tertia.tertiary import SensorTracks, fuse_tracks
 
@@ -55,7 +55,7 @@ def test_regions_hold_where_errors_last(method, duration):
         nearest = np.argmin(np.sum(error**2, axis=2), axis=1)
         error = error[np.arange(len(nearest)), nearest]
         square.append(np.sum(error**2, axis=1))
-        inside.append(np.asarray(nees(error, found.covariance[:, :2, :2])) < 5.99)
+        inside.append(in_region(error, found.covariance[:, :2, :2]))
     # half were inside: what lasts was taken for noise, and for errors of the sensors
     assert np.mean(np.concatenate(inside)) > 0.8
     assert np.sqrt(np.mean(np.concatenate(square))) < 2 * SIGMA

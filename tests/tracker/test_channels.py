@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tracker.flights import line
 
-from tertia import simulate
+from tertia import metrics, simulate
 from tertia.geo import SystemPlane
 from tertia.sensors import Channel
 from tertia.tracker import COLUMNS, Mht, Plots, Radar, Tracker, track
@@ -42,8 +42,7 @@ def errors(table, traffic, target):
     rows = rows[target[rows.plot] >= 0]
     position, _ = traffic.at(target[rows.plot], rows.time)
     off = rows.position - position
-    inverse = np.linalg.inv(rows.covariance[:, :2, :2])
-    return off, np.einsum("ni,nij,nj->n", off, inverse, off) / 2
+    return off, metrics.nees(off, rows.covariance[:, :2, :2]) / 2
 
 
 def test_detections_count_for_radars_with_channels_alone():

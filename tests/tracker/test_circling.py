@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from checks import in_region
 
 from tertia.sensors import Bias, Radar
 from tertia.tracker import Plots, Tracker, smooth_tracks, track
@@ -49,8 +50,7 @@ def judged(rows, target, truth):
     found = []
     for part in (slice(0, 2), slice(2, 4)):
         off, spread = error[:, part], own.covariance[:, part, part]
-        square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)
-        found += [np.sqrt(np.mean(np.sum(off**2, axis=1))), np.mean(square < 5.991)]
+        found += [np.sqrt(np.mean(np.sum(off**2, axis=1))), np.mean(in_region(off, spread))]
     return found
 
 

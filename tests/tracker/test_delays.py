@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from checks import WITHIN_95
 from tracker.flights import followed, with_reports
 
 from tertia import simulate
@@ -61,7 +62,7 @@ def test_delays_that_differ(delay, radars, live):
         tables = followed(Tracker(sensors), plots) if live else [track(plots, sensors)]
         found.append(compared(tables, target, traffic))
     error, square = (np.concatenate([one[i] for one in found]) for i in (0, 1))
-    assert np.mean(square < 5.991) > 0.93
+    assert np.mean(square < WITHIN_95[2]) > 0.93
     assert 0.4 < np.mean(square) / 2.0 < 1.3
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 40.0
     assert np.mean([one[2] for one in found]) < 1.05

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import in_region
 
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.tracker import Plots, Tracker, TrackTable, smooth_tracks, track
@@ -88,8 +89,7 @@ def judged(table, owner):
     table = table[np.array([of[n] >= 0 for n in table.track.tolist()])]
     ship = np.array([of[n] for n in table.track.tolist()])
     error = table.position - centres(ship, table.time)
-    inverse = np.linalg.inv(table.covariance[:, :2, :2])
-    inside = np.einsum("ni,nij,nj->n", error, inverse, error) < 5.99
+    inside = in_region(error, table.covariance[:, :2, :2])
     return sorted(of.values()), np.sqrt(np.mean(np.sum(error**2, axis=1))), np.mean(inside)
 
 

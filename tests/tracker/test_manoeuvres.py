@@ -1,13 +1,13 @@
 """Targets that manoeuvre more than airliners do: the tracker learns it."""
 
 import numpy as np
+from checks import in_region
 from tracker.flights import RADAR, noisy
 
 from tertia.tracker import Plots, track
 
 STEP = 0.1
 # 95 % of a chi-square of two degrees of freedom
-LIMIT = 5.991
 
 
 def flown(seed, speed, sideways, manoeuvre, between, duration=600.0):
@@ -35,9 +35,8 @@ def velocities(several, period=4.0):
         found = found[(found.plot >= 0) & (found.time > 30.0)]
         off = found.velocity - velocity[at][found.plot]
         spread = found.covariance[:, 2:, 2:]
-        squares = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., np.newaxis])[..., 0])
         errors.append(off)
-        inside.append(squares < LIMIT)
+        inside.append(in_region(off, spread))
     return np.concatenate(errors), np.mean(np.concatenate(inside))
 
 
@@ -70,8 +69,7 @@ def test_targets_that_appear_in_a_turn_may_have_turned_for_long():
         rows = table[(table.plot >= 3) & (table.plot < 9)]
         velocity = 200.0 * np.column_stack([np.sin(course), np.cos(course)])[rows.plot]
         off = rows.velocity - velocity
-        inverse = np.linalg.inv(rows.covariance[:, 2:, 2:])
-        inside.extend(np.einsum("ni,nij,nj->n", off, inverse, off) < 5.99)
+        inside.extend(in_region(off, rows.covariance[:, 2:, 2:]))
         errors.extend(np.hypot(*off.T))
     # .68 and 37 m/s if all targets have flown straight when they appear
     assert np.mean(inside) > 0.78

@@ -7,6 +7,7 @@ from reference import flightplan as flightplan_reference
 from reference import tracker as reference
 from tracker.flights import RADAR, braking_flight, line, noisy, polar, turning_flight
 
+from tertia import metrics
 from tertia.flightplan import FlightPlan
 from tertia.tracker import ImmModel, PlanModel, Plots, Radar, track
 
@@ -115,8 +116,7 @@ def speed_errors(motion, seeds):
         found = found[found.plot >= 0]
         off = found.velocity - velocity[found.plot]
         error[seed, found.plot] = off @ velocity[0] / np.hypot(*velocity[0])
-        inverse = np.linalg.inv(found.covariance[:, 2:, 2:])
-        nees[seed, found.plot] = np.einsum("ni,nij,nj->n", off, inverse, off) / 2
+        nees[seed, found.plot] = metrics.nees(off, found.covariance[:, 2:, 2:]) / 2
     return time, error, nees
 
 
@@ -169,8 +169,7 @@ def test_covariances_hold(motion):
         error = np.concatenate(
             [found.position - position[found.plot], found.velocity - velocity[found.plot]], axis=1
         )
-        inverse = np.linalg.inv(found.covariance)
-        nees[seed, found.plot] = np.einsum("ni,nij,nj->n", error, inverse, error) / 4
+        nees[seed, found.plot] = metrics.nees(error, found.covariance) / 4
     mean = np.nanmean(nees, axis=0)
     # straight flight is easier than the models think; a turn of 2 degrees a second that begins at
     # once is not seen for two scans

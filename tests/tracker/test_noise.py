@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tracker.flights import RADAR, noisy, polar
 
-from tertia import simulate
+from tertia import metrics, simulate
 from tertia.sensors import Bias, Radar
 from tertia.tracker import Plots, Tracker, smooth_tracks, track
 
@@ -38,8 +38,7 @@ def scene(noise=1.0, correlation=0.0, seed=1, targets=TARGETS):
 def normalised(table, position):
     rows = table[table.confirmed & (table.plot >= 0)]
     off = rows.position - position[rows.plot]
-    inverse = np.linalg.inv(rows.covariance[:, :2, :2])
-    return np.einsum("ni,nij,nj->n", off, inverse, off) / 2
+    return metrics.nees(off, rows.covariance[:, :2, :2]) / 2
 
 
 @pytest.mark.parametrize(
@@ -175,6 +174,6 @@ def test_a_recording_is_smoothed_with_the_noise_that_it_has(options):
     plots, _, position = scene(**options)
     table = smooth_tracks(plots, [RADAR], track(plots, [RADAR]))
     off = table.position - position[table.plot]
-    square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(table.covariance[:, :2, :2]), off) / 2
+    square = metrics.nees(off, table.covariance[:, :2, :2]) / 2
     # 3.1 and 3.5 with the noise that is stated
     assert np.mean(square) < 1.25

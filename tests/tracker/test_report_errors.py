@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import in_region
 
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.tracker import Plots, Tracker, smooth_tracks, track
@@ -48,8 +49,7 @@ def inside(table, number, place):
     """Return the share of true positions, at the times of the rows, within the 95 % ellipses."""
     rows = table[(table.plot >= 0) & (table.time > 30.0)]
     off = rows.position - place(number[rows.plot], rows.time)
-    inverse = np.linalg.inv(rows.covariance[:, :2, :2])
-    return np.mean(np.einsum("ni,nij,nj->n", off, inverse, off) < 5.99)
+    return np.mean(in_region(off, rows.covariance[:, :2, :2]))
 
 
 @pytest.mark.parametrize("estimate", [track, smooth_tracks])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tertia import metrics
 from tertia.tracker import Plots, Radar, track
 
 RADARS = (
@@ -49,8 +50,7 @@ def test_a_fighter_is_one_track(count):
         shown = found[found.confirmed & (found.plot >= 0)]
         several += len(np.unique(shown.track)) > 1
         off = shown.position - truth[shown.plot]
-        inverse = np.linalg.inv(shown.covariance[:, :2, :2])
-        squares.append(np.einsum("ni,nij,nj->n", off, inverse, off) / 2.0)
+        squares.append(metrics.nees(off, shown.covariance[:, :2, :2]) / 2.0)
     assert several <= 2
     assert np.mean(np.concatenate(squares)) < 1.3
 

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from checks import assert_covariance, assert_refused, assert_threads, rng
+from checks import assert_covariance, assert_refused, assert_threads, in_region, rng
 from numpy.testing import assert_allclose, assert_array_equal
 from tracker.flights import RADAR, line, noisy, turning_flight
 
@@ -211,7 +211,7 @@ def test_turns_of_three_g_keep_their_plots():
         _, position, _, plots = turning(seed, speed=220.0, rate=0.13)
         smoothed = smooth_tracks(plots, [RADAR])
         error = smoothed.position - position[smoothed.plot]
-        inside.append(metrics.nees(error, smoothed.covariance[:, :2, :2]) < 5.991)
+        inside.append(in_region(error, smoothed.covariance[:, :2, :2]))
         left_out.append(smoothed.outlier)
     assert np.mean(np.concatenate(inside)) > 0.88
     assert np.mean(np.concatenate(left_out)) < 0.03

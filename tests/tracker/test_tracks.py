@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tracker.flights import RADAR, line, noisy, polar, scene
 
+from tertia import metrics
 from tertia.tracker import Plots, Radar, Tracker, TrackTable, track
 
 
@@ -55,8 +56,7 @@ def test_two_radars_are_better_than_one():
             error = found.position - np.outer(found.time, [120.0, 80.0]) - [10e3, 30e3]
             settled = found.time > 60
             errors.append(error[settled])
-            inverse = np.linalg.inv(found.covariance[settled][:, :2, :2])
-            squares.append(np.einsum("ni,nij,nj->n", errors[-1], inverse, errors[-1]))
+            squares.append(metrics.nees(errors[-1], found.covariance[settled][:, :2, :2]))
         rms[len(radars)] = np.sqrt(np.mean(np.concatenate(errors) ** 2))
         assert np.mean(np.concatenate(squares)) / 2 < 1.1
     assert rms[2] < 0.8 * rms[1]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import in_region
 from tracker.test_positions import DURATION, PACE, SETTLED, SIGMA, reports, rms
 
 from tertia import simulate
@@ -113,8 +114,8 @@ def test_covariances_hold_where_targets_move_as_in_the_model():
         for name, one in (("tracks", table), ("smoothed", smoothed)):
             rows = one[(one.plot >= 0) & (one.time > SETTLED)]
             error = np.hstack([rows.position, rows.velocity]) - truth[rows.plot]
-            speed = nees(error[:, 2:], rows.covariance[:, 2:, 2:])
-            found[name].append([nees(error, rows.covariance) / 4.0, speed < 5.991])
+            inside = in_region(error[:, 2:], rows.covariance[:, 2:, 2:])
+            found[name].append([nees(error, rows.covariance) / 4.0, inside])
     for parts in found.values():
         square, inside = np.mean(np.concatenate(parts, axis=1), axis=1)
         assert 0.93 < square < 1.07

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from checks import WITHIN_95, in_region
 from places import DATA, needs_data
 from trajectory.nets import BEACON, SPEED, TAG, Net, net, solved
 
+from tertia import metrics
 from tertia.sensors import Bias, Station
 from tertia.trajectory import (
     Arrivals,
@@ -67,9 +69,7 @@ def distances(scene: Net, track: ArrivalTrajectory) -> npt.NDArray[np.float64]:
     """Return squared errors, normalised."""
     d = track.position.shape[1]
     error = track.position - truth_of(scene, track)
-    inverse = np.linalg.inv(track.covariance[:, :d, :d])
-    squares: npt.NDArray[np.float64] = np.einsum("ni,nij,nj->n", error, inverse, error)
-    return squares
+    return np.asarray(metrics.nees(error, track.covariance[:, :d, :d]))
 
 
 def check_result(track: ArrivalTrajectory, n: int) -> None:
@@ -126,8 +126,7 @@ def test_regions_hold_the_truth(options: dict[str, Any]) -> None:
         check_result(track, len(scene.arrivals))
         squares.append(distances(scene, track))
     d = options.get("dimension", 2)
-    limit = {2: 5.991, 3: 7.815}[d]
-    inside = np.mean(np.concatenate(squares) < limit)
+    inside = np.mean(np.concatenate(squares) < WITHIN_95[d])
     # six nets share few errors of survey and speed: some 3 % of uncertainty
     assert 0.86 < inside <= 1.0
     assert np.median(np.concatenate(squares)) < 2.0 * d
@@ -231,7 +230,7 @@ def test_a_receiver_that_never_hears_a_beacon() -> None:
     scene.arrivals = Arrivals(heard.time[keep], heard.sensor[keep], heard.identity[keep])
     track = solved(scene)
     check_result(track, int(keep.sum()))
-    assert np.mean(distances(scene, track) < 5.991) > 0.8
+    assert np.mean(distances(scene, track) < WITHIN_95[2]) > 0.8
 
 
 def test_a_receiver_that_hears_nothing() -> None:
@@ -337,8 +336,7 @@ def test_errors_that_last_widen_the_regions() -> None:
             rows = np.flatnonzero(scene.identity == TAG)
             gaps = np.abs(scene.time[rows] - track.time[:, np.newaxis])
             error = track.position - scene.source[rows[np.argmin(gaps, axis=1)]]
-            inverse = np.linalg.inv(track.covariance[:, :2, :2])
-            held.append(np.einsum("ni,nij,nj->n", error, inverse, error) < 5.991)
+            held.append(in_region(error, track.covariance[:, :2, :2]))
             sizes.append(np.median(track.sigma))
         inside[lasting], sigma[lasting] = np.mean(np.concatenate(held)), np.mean(sizes)
     assert 0.9 < inside[0.0] < 0.99
@@ -380,8 +378,7 @@ def test_the_hydrophones_of_ssu1() -> None:
     assert np.median(distance) < 3.6
     assert np.quantile(distance, 0.99) < 8.0
     covariance = track.covariance[inside, :2, :2] + 2.5**2 * np.eye(2)
-    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
-    assert 0.93 < np.mean(squares < 5.991) <= 0.99
+    assert 0.93 < np.mean(in_region(error, covariance)) <= 0.99
     about = (truth - truth[inside].mean(axis=0))[inside]
     found = track.position[inside] - track.position[inside].mean(axis=0)
     assert abs(np.sum(about * found) / np.sum(about**2) - 1) < 0.012
@@ -392,7 +389,7 @@ def test_the_hydrophones_of_ssu1() -> None:
     a, b = np.nonzero(pairs < 2.0)
     off = halves[0].position[a] - halves[1].position[b]
     both = halves[0].covariance[a, :2, :2] + halves[1].covariance[b, :2, :2]
-    nees = np.mean(np.einsum("ni,nij,nj->n", off, np.linalg.inv(both), off)) / 2
+    nees = np.mean(metrics.nees(off, both)) / 2
     assert len(a) > 80
     assert nees < 1.3
 
@@ -405,7 +402,7 @@ def test_a_walk_is_not_taken_for_the_rates_of_clocks() -> None:
         track = solved(scene, propagation_speed=340.0, propagation_speed_sigma=3.4)
         error = np.linalg.norm(track.position - truth_of(scene, track), axis=1)
         assert np.median(error) < 60.0
-        inside.append(np.mean(distances(scene, track) < 5.99))
+        inside.append(np.mean(distances(scene, track) < WITHIN_95[2]))
     assert np.mean(inside) > 0.8
 
 
@@ -455,7 +452,7 @@ def test_motion_that_is_rougher_than_white_jerk() -> None:
         scene = walk(seed, 3e-5)
         track = solved(scene)
         found.append(track.acceleration_noise[TAG])
-        inside.append(np.mean(distances(scene, track) < 5.991))
+        inside.append(np.mean(distances(scene, track) < WITHIN_95[2]))
     assert np.median(found) == pytest.approx(3e-5, rel=0.3)
     assert np.mean(inside) > 0.91
 

@@ -3,13 +3,13 @@
 import numpy as np
 import numpy.typing as npt
 import pytest
+from checks import in_region
 
 from tertia.sensors import Station
 from tertia.trajectory import Arrivals, reconstruct, reconstruct_arrivals
 
 LIGHT = 299_792_458.0
 # 95 % of a chi-square of three degrees of freedom
-LIMIT = 7.815
 
 Floats = npt.NDArray[np.float64]
 
@@ -50,8 +50,7 @@ def test_a_path_stays_on_one_side_of_the_receivers(seed):
         there = np.column_stack([np.interp(track.time[own], emitted, axis) for axis in way.T])
         error = track.position[own] - there
         covariance = track.covariance[own][:, :3, :3]
-        square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
-        inside.append(np.mean(square < LIMIT))
+        inside.append(np.mean(in_region(error, covariance)))
     assert np.mean(inside) > 0.8
 
 
@@ -87,5 +86,4 @@ def test_pairs_of_receivers_in_turn(seed):
     error = track.position - way
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.1
     covariance = track.covariance[:, :3, :3]
-    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
-    assert np.mean(square < LIMIT) > 0.8
+    assert np.mean(in_region(error, covariance)) > 0.8

@@ -4,8 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy import stats
+from checks import WITHIN_95
 
+from tertia import metrics
 from tertia.location import LIGHT, locate
 from tertia.sensors import Bias, Station
 from tertia.trajectory import reconstruct
@@ -28,9 +29,7 @@ def ranges(rng, count, path=PATH):
 
 
 def squares(track, path=PATH):
-    error = track.position - path
-    own = track.covariance[:, :3, :3]
-    return np.einsum("ni,ni->n", error, np.linalg.solve(own, error[..., np.newaxis])[..., 0])
+    return metrics.nees(track.position - path, track.covariance[:, :3, :3])
 
 
 @pytest.mark.parametrize("count", [3, 4])
@@ -120,7 +119,7 @@ def test_regions_contain_the_path_if_the_error_of_the_heights_lasts(count):
             bias=Bias(),
             initial=PATH[0],
         )
-        inside.append(np.mean(squares(track) < stats.chi2.ppf(0.95, 3)))
+        inside.append(np.mean(squares(track) < WITHIN_95[3]))
         up.append(np.mean(np.abs(track.position[:, 2] - PATH[:, 2]) < 1.96 * track.sigma[:, 2]))
     assert np.mean(inside) > 0.9
     assert np.mean(up) > 0.88

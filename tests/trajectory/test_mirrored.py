@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy import stats
+from checks import WITHIN_95
 from trajectory.scenes import walk
 
-from tertia import tables
+from tertia import metrics, tables
 from tertia.location import LIGHT, Station
 from tertia.sensors import Bias
 from tertia.trajectory import reconstruct
@@ -69,9 +69,7 @@ def path_of(places, measured, **options):
 def squares(track, path):
     """Return the squared errors over the covariances."""
     d = path.shape[1]
-    error = track.position - path
-    inverse = np.linalg.inv(track.covariance[:, :d, :d])
-    return np.einsum("ni,nij,nj->n", error, inverse, error)
+    return metrics.nees(track.position - path, track.covariance[:, :d, :d])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -141,7 +139,7 @@ def test_heights_near_the_plane_of_the_stations_are_as_close_as_they_say(height,
         rng = np.random.default_rng([6, seed])
         places, path = ring(3 + seed % 4), flight(height)
         track = path_of(places, seen(places, path, rng), bias=bias)
-        inside.append(squares(track, path) < stats.chi2.ppf(0.95, 3))
+        inside.append(squares(track, path) < WITHIN_95[3])
         errors.append(track.position[:, 2] - height)
     assert np.mean(inside) > least
     # a single instant does not know whether a boat is 90 m high
@@ -169,7 +167,7 @@ def test_a_path_may_cross_the_line_of_the_stations():
     track = path_of(places, measured, initial=path[0])
     assert track.position[-1, 1] < -1000
     far = np.abs(path[:, 1]) > 300
-    assert np.mean(squares(track, path)[far] < stats.chi2.ppf(0.95, 2)) > 0.85
+    assert np.mean(squares(track, path)[far] < WITHIN_95[2]) > 0.85
 
 
 def test_elevations_tell_the_side():
@@ -272,7 +270,7 @@ def test_outliers_do_not_make_a_path_cross_the_line(seed, crosses):
         track = reconstruct(stations, np.arange(300.0), **given, initial=path[0])
     far = np.abs(path[:, 1]) > 30
     np.testing.assert_array_equal(np.sign(track.position[far, 1]), np.sign(path[far, 1]))
-    assert np.mean(squares(track, path)[far] < stats.chi2.ppf(0.95, 2)) > 0.85
+    assert np.mean(squares(track, path)[far] < WITHIN_95[2]) > 0.85
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+from checks import in_region
 
 from tertia.location import Station
 from tertia.trajectory import reconstruct
@@ -31,8 +31,7 @@ def run(seed, error=0.0, begin=0, count=COUNT):
 
 
 def inside(track, error):
-    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(track.covariance[:, :2, :2]), error)
-    return np.mean(square < stats.chi2.ppf(0.95, 2))
+    return np.mean(in_region(error, track.covariance[:, :2, :2]))
 
 
 @pytest.mark.parametrize("error", [50.0, 200.0])

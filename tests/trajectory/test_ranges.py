@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import in_region
 from trajectory.scenes import walk
 
 from tertia.sensors import Station
@@ -25,9 +26,8 @@ def path(places, ranges, unit=1.0, **options):
 
 def judged(track, way):
     """Return the RMSE and the share of positions inside the 95 % ellipse."""
-    error, covariance = track.position - way, track.covariance[:, :2, :2]
-    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-    inside = np.einsum("ni,ni->n", error, solved) < 5.991
+    error = track.position - way
+    inside = in_region(error, track.covariance[:, :2, :2])
     return np.sqrt(np.mean(np.sum(error**2, axis=1))), np.mean(inside)
 
 

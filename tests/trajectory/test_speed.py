@@ -3,6 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
+from checks import in_region
 from scipy import stats
 
 from tertia import tables
@@ -41,9 +42,7 @@ def test_regions_hold_with_an_unknown_speed(kind):
         places, path, travel, speed = scene(seed)
         track = path_of(places, travel, kind, propagation_speed_sigma=ERROR * SOUND)
         error = track.position - path
-        inverse = np.linalg.inv(track.covariance[:, :2, :2])
-        square = np.einsum("ni,nij,nj->n", error, inverse, error)
-        inside.append(np.mean(square < stats.chi2.ppf(0.95, 2)))
+        inside.append(np.mean(in_region(error, track.covariance[:, :2, :2])))
         pulls.append((track.propagation_speed - speed) / track.propagation_speed_sigma)
         errors.append(np.mean(np.sum(error**2, axis=1)))
         exact = path_of(places, travel, kind, propagation_speed_sigma=0.0)
@@ -120,12 +119,7 @@ def test_two_positions_do_not_decide_about_the_speed():
             propagation_speed_sigma=5.0,
         )
         error = track.position - path
-        square = np.einsum(
-            "ni,ni->n",
-            error,
-            np.linalg.solve(track.covariance[:, :3, :3], error[..., np.newaxis])[..., 0],
-        )
-        inside.append(np.mean(square < stats.chi2.ppf(0.95, 3)))
+        inside.append(np.mean(in_region(error, track.covariance[:, :3, :3])))
         pulls.append((track.propagation_speed - 1500.0) / 5.0)
     # the ranges hardly tell the speed; before, it was wrong by up to three sigmas
     assert np.median(inside) > 0.9

@@ -3,9 +3,9 @@
 import numpy as np
 import polars as pl
 import pytest
-from scipy import stats
+from checks import in_region
 
-from tertia import tables
+from tertia import metrics, tables
 from tertia.sensors import Bias, Station
 from tertia.trajectory import reconstruct
 
@@ -71,9 +71,7 @@ def test_late_arrivals_are_left_out_and_regions_hold(share):
         arrival[rng.random(arrival.shape) < 0.2] = np.nan
         found = reconstruct(STATIONS, TIME, arrival_time=arrival)
         error = found.position - PATH
-        covariance = found.covariance[:, :2, :2]
-        square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-        inside.append(square < stats.chi2.ppf(0.95, 2))
+        inside.append(in_region(error, found.covariance[:, :2, :2]))
         rms.append(np.sqrt(np.mean(np.sum(error**2, axis=1))))
         known = late & ~np.isnan(arrival)
         left.append(np.mean(found.outlier.arrival_time[known]))
@@ -88,10 +86,7 @@ def test_clocks_that_are_wrong():
     inside = []
     for seed in range(8):
         found = reconstruct(STATIONS, TIME, arrival_time=heard(seed) + clock)
-        error = found.position - PATH
-        covariance = found.covariance[:, :2, :2]
-        square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-        inside.append(np.mean(square < stats.chi2.ppf(0.95, 2)))
+        inside.append(np.mean(in_region(found.position - PATH, found.covariance[:, :2, :2])))
         time = found.bias.time - np.mean(found.bias.time)
         assert np.all(np.abs(time - (clock - np.mean(clock))) < 4 * found.bias.time_sigma)
         assert found.systematic == "estimated"
@@ -103,11 +98,7 @@ def test_clocks_that_are_known_so_well():
     for seed in range(60):
         clock = sigma * np.random.default_rng([7, seed]).standard_normal(5)
         found = reconstruct(STATIONS, TIME, arrival_time=heard(seed) + clock, bias=BIASED)
-        error = found.position - PATH
-        covariance = found.covariance[:, :2, :2]
-        square.append(
-            np.mean(np.sum(error * np.linalg.solve(covariance, error[..., None])[..., 0], 1))
-        )
+        square.append(np.mean(metrics.nees(found.position - PATH, found.covariance[:, :2, :2])))
         assert found.systematic == "given"
     assert 0.75 < np.mean(square) / 2 < 1.3
 
