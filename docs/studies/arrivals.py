@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from studies.honesty import Draw, coverage_table
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator, in_region, normalised_squares
 from studies.pages import DATA, markdown, repetitions, table_of
 from tertia.sensors import Bias, Station
 from tertia.trajectory import Arrivals, ArrivalTrajectory, reconstruct_arrivals
@@ -16,8 +16,6 @@ RUNS = repetitions(20)
 HONEST_RUNS = repetitions(8, 1)
 # emissions of a tag
 SOME, MORE, MANY = repetitions(80, 40), repetitions(120, 60), repetitions(150, 60)
-# 95 % of a chi-square of two degrees of freedom
-LIMIT = 5.991
 # of the recording: standard deviations of the boat's GPS in metres, and by how much it is late
 GPS_SIGMAS, GPS_LATE = (2.0, 2.5), 3.0
 BoolArray = npt.NDArray[np.bool_]
@@ -181,8 +179,7 @@ def errors_of(given: Scene, track: ArrivalTrajectory) -> tuple[FloatArray, Float
         near = np.argmin(np.abs(given.time[rows] - track.time[own][:, np.newaxis]), axis=1)
         truth[own] = given.source[rows[near]]
     error = track.position - truth
-    inverse = np.linalg.inv(track.covariance[:, :2, :2])
-    return np.linalg.norm(error, axis=1), np.einsum("ni,nij,nj->n", error, inverse, error)
+    return np.linalg.norm(error, axis=1), normalised_squares(error, track.covariance[:, :2, :2])
 
 
 def nets() -> str:
@@ -200,7 +197,7 @@ def nets() -> str:
                 speeds.append(off / track.propagation_speed_sigma)
         error = np.concatenate([one[0] for one in found])
         squares = np.concatenate([one[1] for one in found])
-        inside = np.array([np.mean(one[1] < LIMIT) for one in found])
+        inside = np.array([np.mean(one[1] < WITHIN_95[2]) for one in found])
         spread = inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
         rms = f"{np.sqrt(np.mean(np.square(speeds))):.2f}" if speeds else "–"
         rows.append([
@@ -220,7 +217,7 @@ def honesty() -> str:
             held = []
             for _ in range(HONEST_RUNS):
                 given = scene(net, draw.rng, draw)
-                held.append(errors_of(given, solved(given, net))[1] < LIMIT)
+                held.append(errors_of(given, solved(given, net))[1] < WITHIN_95[2])
             return np.concatenate(held)
 
         return runs
@@ -301,8 +298,7 @@ def _against(
             cells.append("–")
             continue
         whole = covariance[known] + sigma**2 * np.eye(2)
-        squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(whole), error)
-        cells.append(f"{np.mean(squares < LIMIT):.0%}")
+        cells.append(f"{np.mean(in_region(error, whole)):.0%}")
     about = truth - truth.mean(axis=0)
     scale = np.sum(about * (found - found.mean(axis=0))) / np.sum(about**2)
     return [*cells, f"{scale:.3f}"]

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.honesty import IntArray
-from studies.montecarlo import FloatArray, autoregressive, generator
+from studies.montecarlo import WITHIN_95, FloatArray, autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia import audit, plot
 
@@ -133,7 +133,7 @@ def other_errors() -> str:
             [draw(20_000, generator(91, k, part)) for part in range(repetitions(30))]
         )
         squares = np.sum(long**2, axis=-1)
-        quantile = -2 * np.log(0.05)
+        quantile = WITHIN_95[2]
         true = (
             squares.mean() / 2,
             float(np.mean(squares <= quantile)),

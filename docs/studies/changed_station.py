@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.montecarlo import in_region
 from studies.pages import markdown, repetitions
 from tertia._arrays import FloatArray
 from tertia.location import Station
@@ -18,8 +19,6 @@ SIGMA, AZIMUTH_SIGMA = 10.0, np.radians(2.0)
 LIGHT = 299_792_458.0
 # errors of the wrong station, in sigmas
 JUMP = {"range": 20.0, "arrival_time": 20.0, "azimuth": 15.0}
-# 95 % quantile of chi-square with two degrees of freedom
-LIMIT = 5.991464547107979
 PLACES = np.array([[0.0, 0.0], [8e3, 0.0], [0.0, 8e3], [8e3, 8e3], [4e3, -3e3]])
 SEED = 97
 
@@ -56,9 +55,8 @@ def figures(kind: str, count: int, jump: float) -> tuple[str, str, str]:
         stations, measured, path = record(seed, kind, count, jump)
         track = reconstruct(stations, INTERVAL * np.arange(COUNT), **measured)
         error = track.position - path
-        inverse = np.linalg.inv(track.covariance[:, :2, :2])
         errors.append(np.sqrt(np.mean(np.sum(error**2, axis=1))))
-        inside.append(np.mean(np.einsum("ni,nij,nj->n", error, inverse, error) < LIMIT))
+        inside.append(np.mean(in_region(error, track.covariance[:, :2, :2])))
     median, largest = np.median(errors), np.max(errors)
     return f"{median:.1f} m", f"{largest:.1f} m", f"{100 * np.mean(inside):.0f}%"
 

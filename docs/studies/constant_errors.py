@@ -4,9 +4,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, around, generator
+from studies.montecarlo import FloatArray, around, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
@@ -16,7 +15,6 @@ SIGMA, RADIUS = 0.1, 10.0
 COUNTS = (4, 5, 6, 8)
 # standard deviations of the constant errors, in metres
 ERRORS = (0.0, 0.1, 0.3, 1.0)
-INSIDE = 5.991
 
 
 def table() -> str:
@@ -50,5 +48,5 @@ def _one(count: int, speed: float, error: float, rng: np.random.Generator) -> Fl
     track = reconstruct(stations, TIMES, range=np.maximum(ranges, SIGMA))
     known = np.isfinite(track.position).all(axis=1)
     wrong = (track.position - way)[known]
-    inside = np.asarray(metrics.nees(wrong, track.covariance[known, :2, :2])) < INSIDE
+    inside = in_region(wrong, track.covariance[known, :2, :2])
     return np.array([np.mean(np.sum(wrong**2, axis=1)), inside.mean()])

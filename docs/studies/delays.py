@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from studies.misaligned import ADSB, RADARS, SIGMA, Scene, with_reports
+from studies.montecarlo import WITHIN_95
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray
@@ -15,8 +16,6 @@ SCENES = repetitions(20, 1)
 DURATION = float(repetitions(300, 180))
 # seconds after which tracks are compared with the truth
 SETTLED = 100.0
-# of a region of two dimensions with a probability of 95 %
-INSIDE = 5.991
 # standard deviations of the delays, in seconds
 DELAYS = (0.0, 0.1, 0.3, 0.5, 1.0)
 SET_UPS = {
@@ -90,6 +89,6 @@ def delays() -> str:
             error, square = (np.concatenate([one[i] for one in found]) for i in (0, 1))
             rmse = np.sqrt(np.mean(np.sum(error**2, axis=1)))
             count = np.mean([one[2] for one in found])
-            cells.append(f"{rmse:.3g} m, {np.mean(square < INSIDE):.1%}, {count:.2f}")
+            cells.append(f"{rmse:.3g} m, {np.mean(square < WITHIN_95[2]):.1%}, {count:.2f}")
         rows.append([name, *cells])
     return markdown(["sensors beside ADS-B", *(f"σ = {delay:g} s" for delay in DELAYS)], rows)

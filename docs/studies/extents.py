@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studies.montecarlo import generator
+from studies.montecarlo import generator, in_region
 from studies.pages import markdown, repetitions
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, PositionSensor, Radar
@@ -27,8 +27,6 @@ HARBOUR = Radar(
 LIDAR = PositionSensor(update_interval=0.1, detection_probability=DETECTED, bias=Bias())
 LENGTH, SCANS, FALSE = 300.0, 200, 10
 CAR, CAR_WIDTH, LANE, FRAMES, SIGMA = 4.5, 1.8, 3.5, 200, 0.2
-# 95 % of the squares of two standard normal errors
-WITHIN = 5.99
 
 
 @dataclass(frozen=True)
@@ -141,9 +139,8 @@ def judged(table: TrackTable, owner: IntArray, targets: Targets) -> tuple[float,
         count += 1
         if target >= 0:
             error = rows.position - targets.at(np.full(len(rows), target), rows.time)
-            inverse = np.linalg.inv(rows.covariance[:, :2, :2])
-            square = np.einsum("ni,nij,nj->n", error, inverse, error)
-            results.append(np.column_stack([np.sum(error**2, axis=1), square < WITHIN]))
+            inside = in_region(error, rows.covariance[:, :2, :2])
+            results.append(np.column_stack([np.sum(error**2, axis=1), inside]))
     return count / len(targets.length), np.concatenate(results)
 
 

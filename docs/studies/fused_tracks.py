@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from studies.honesty import HIGH, LOW
+from studies.montecarlo import WITHIN_95
 from studies.pages import markdown, repetitions
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.metrics import nees
@@ -23,8 +24,8 @@ FLIGHTS, LENGTH = repetitions(14, 3), float(repetitions(420, 180))
 STEP, WARM = 0.1, 90.0
 COUNTS, FEW = (2, 3, 4), (1, 2, 5, 14)
 DETECTION = 0.95
-# the 95 % region of two components, and the distance from which on it is another target
-REGION, ASTRAY = 5.991465, 2500.0
+# the distance from which on it is another target
+ASTRAY = 2500.0
 PLACES = ((0.0, 0.0), (60e3, 20e3), (-20e3, 90e3), (70e3, 90e3))
 # m, degrees, s
 ACCURACY = ((75.0, 0.10, 6.0), (50.0, 0.08, 4.0), (100.0, 0.12, 10.0), (60.0, 0.07, 12.0))
@@ -386,7 +387,7 @@ def judged(found: SystemTracks, of: Flown) -> Result:
         np.sum(off**2, axis=1),
         square / 2,
         np.asarray(nees(rate, covariance[:, 2:, 2:])) / 2,
-        square <= REGION,
+        square <= WITHIN_95[2],
         excess / cycles,
         lost / cycles,
     )

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pyproj
 
+from studies.montecarlo import WITHIN_95
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray
@@ -28,8 +29,8 @@ HEIGHTS = (5e3, 11e3)
 WITHIN = 200e3
 ROUNDING = 1e-6
 SCENES = repetitions(20, 1)
-# seconds until tracks have settled; of chi-squared of two degrees of freedom
-SETTLED, INSIDE = 120.0, 5.991464547107979
+# seconds until tracks have settled
+SETTLED = 120.0
 FORMS = {"flat": True, "system plane": False}
 
 
@@ -211,7 +212,7 @@ def scene(seed: int, name: str) -> Scene:
         np.sqrt(np.mean(np.sum(error[known] ** 2, axis=1))).item(),
         np.sqrt(np.mean(np.trace(covariance[known], axis1=1, axis2=2))).item(),
         np.mean(square).item() / 2,
-        np.mean(square < INSIDE).item(),
+        np.mean(square < WITHIN_95[2]).item(),
         np.asarray(bias.range),
         deviations,
     )
@@ -286,7 +287,7 @@ def cruise() -> str:
                 f"{acceleration:g} m/s²",
                 f"{np.mean([rmse for rmse, *_ in each]):.1f} m",
                 f"{np.mean(squares) / 2:.2f}",
-                f"{np.mean(squares < INSIDE):.1%}",
+                f"{np.mean(squares < WITHIN_95[2]):.1%}",
                 f"{np.max(biases):.1f}" if not trusted else "–",
                 within,
             ]

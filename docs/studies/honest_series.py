@@ -5,22 +5,20 @@ from collections.abc import Callable
 import numpy as np
 
 from studies.honesty import BoolArray, Draw, FloatArray, coverage_table
-from studies.montecarlo import autoregressive, generator
+from studies.montecarlo import WITHIN_95, autoregressive, generator
 from studies.pages import markdown, repetitions
 from tertia.fusion import fuse, fuse_scalar, fuse_series
 from tertia.kalman import SingerModel, filter_series, smooth_series
 from tertia.smoothing import SmoothedPositions, local_polynomial, smooth
 
 RUNS, STEPS, SENSORS = 40, 100, 4
-# chi-square of one and two degrees of freedom, 95 %
-ONE, TWO = 3.841458820694124, 5.991464547107979
 MODEL = SingerModel(5.0, 1 / 20, 0.03, exact=True)
 WHITE_JERK = 0.01
 
 
 def within(error: FloatArray, sigma: FloatArray) -> BoolArray:
     """Return whether the truth is in the 95 % interval."""
-    return np.asarray(np.abs(error) < np.sqrt(ONE) * sigma)
+    return np.asarray(np.abs(error) < np.sqrt(WITHIN_95[1]) * sigma)
 
 
 def manoeuvre(runs: int, rng: np.random.Generator) -> FloatArray:
@@ -77,7 +75,7 @@ def constant_errors() -> str:
             off = (found.bias - bias)[:, np.array(asked) > 0]
             claimed = found.bias_sigma[:, np.array(asked) > 0]
             rmse = np.sqrt(np.mean((error * found.sigma[:, 5:, 0]) ** 2))
-            inside = 100 * np.mean(np.abs(error) < np.sqrt(ONE))
+            inside = 100 * np.mean(np.abs(error) < np.sqrt(WITHIN_95[1]))
             cells += [f"{rmse:.3f}°", f"{np.mean(error**2):.2f}", f"{inside:.0f}%"]
             cells.append(f"{np.sqrt(np.mean((off / claimed) ** 2)):.2f}" if off.size else "")
         rows.append(cells)
@@ -157,7 +155,7 @@ def of_path(**options: object) -> Callable[[Draw], BoolArray]:
 
 def held(found: SmoothedPositions, truth: FloatArray) -> BoolArray:
     """Return whether the 95 % ellipses hold the truth."""
-    return np.asarray(squares(found, truth) < TWO)
+    return np.asarray(squares(found, truth) < WITHIN_95[2])
 
 
 def squares(found: SmoothedPositions, truth: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
 from tertia.location import locate
 from tertia.sensors import Bias, Station
@@ -15,8 +15,6 @@ from tertia.trajectory import Arrivals, reconstruct, reconstruct_arrivals
 
 # the stated sigma is that of the white noise times this
 STATED = (0.5, 1.0, 2.0)
-# 95 % of a chi-square of two and three degrees of freedom
-LIMITS = {2: 5.991, 3: 7.815}
 LOW, HIGH = 0.85, 0.99
 INSTANTS, STEP = 60, 2.0
 RUNS = 40
@@ -172,9 +170,7 @@ def _inside(position: FloatArray, covariance: FloatArray, truth: FloatArray) -> 
     if not known.any():
         return float("nan")
     error = (position - truth)[known]
-    inverse = np.linalg.inv(covariance[known][:, :size, :size])
-    squares = np.einsum("ni,nij,nj->n", error, inverse, error)
-    return float(np.mean(squares < LIMITS[size]))
+    return float(np.mean(in_region(error, covariance[known][:, :size, :size])))
 
 
 def _differences(recording: Recording, stated: float) -> dict[str, Any]:

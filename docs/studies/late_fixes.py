@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from studies.montecarlo import around, generator
+from studies.montecarlo import around, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location import locate
 
@@ -12,7 +11,6 @@ RUNS, INSTANTS, SIGMA = repetitions(4, 1), repetitions(200, 25), 0.1
 # shares of late ranges, and means of their exponential delays in metres
 LATE = ((0.0, 1.0), (0.1, 1.0), (0.2, 3.0), (0.4, 1.0), (0.4, 5.0))
 COUNTS = (5, 6, 8, 10)
-INSIDE = 7.815
 
 
 def anchors(count: int, rng: np.random.Generator) -> FloatArray:
@@ -60,5 +58,5 @@ def _one(
     fix = locate(places, range=ranges, range_sigma=SIGMA)
     located = np.asarray(fix.success)
     error = (fix.position - truth)[located]
-    inside = np.asarray(metrics.nees(error, fix.covariance[located])) < INSIDE
+    inside = in_region(error, fix.covariance[located])
     return np.sum(error**2, axis=1), inside, float(located.mean())

@@ -3,10 +3,9 @@
 import numpy as np
 
 from studies.honesty import BoolArray
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.one_wrong import SIGMA, TIMES, healthy
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
@@ -17,7 +16,6 @@ DELAYS = (3.0, 20.0)
 # share of ranges that are late in runs, and the mean number of instants of a run
 IN_RUNS, LASTING = 1 / 3, 10
 COUNTS = (5, 8)
-INSIDE = 5.991
 
 
 def late() -> str:
@@ -70,7 +68,7 @@ def _one(
         [Station(place, range_sigma=SIGMA) for place in places], TIMES, range=ranges
     )
     error, outlier = track.position - way, np.asarray(track.outlier.range)
-    inside = np.asarray(metrics.nees(error, track.covariance[:, :2, :2])) < INSIDE
+    inside = in_region(error, track.covariance[:, :2, :2])
     left = outlier[is_late].mean() if share else 0.0
     return np.array(
         [np.mean(np.sum(error**2, axis=1)), inside.mean(), left, outlier[~is_late].mean()]

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from studies import honesty
 from studies.honesty import BoolArray
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
 from tertia import metrics, plot
 from tertia.location import Location, LocationMethod, Station, accuracy_map, locate
@@ -36,8 +36,6 @@ CASES: dict[str, tuple[list[Station], list[float]]] = {
     ),
     "8 ranges": ([Station(p, range_sigma=10.0) for p in FINDERS], [700.0, 1100.0]),
 }
-# quantiles of chi-square at 95 %, by the number of coordinates
-LIMITS = {2: 5.991, 3: 7.815}
 SIGMAS = {"range": 10.0, "azimuth": np.radians(2.0), "elevation": np.radians(2.0)}
 # Lenth (1981), as published: bearings, estimator, position, standard deviations
 METHODS: tuple[LocationMethod, ...] = ("lenth-mle", "lenth-huber", "lenth-andrews", "robust")
@@ -123,7 +121,7 @@ def poor_geometry() -> str:
         claimed = np.median(np.max(fix.sigma[located], axis=-1)) if located.any() else np.nan
         rows.append(
             [name, f"{linear:.0f}", f"{claimed:.0f}", f"{square.mean() / 2:.2f}",
-             f"{np.mean(square < LIMITS[2]):.0%}", f"{1 - located.mean():.1%}"]
+             f"{np.mean(square < WITHIN_95[2]):.0%}", f"{1 - located.mean():.1%}"]
         )  # fmt: skip
     head = ["bearings of .02 rad", "linear σ, m", "claimed σ, m (median)", "NEES", "inside 95 %"]
     return markdown([*head, "no position"], rows)
@@ -152,8 +150,8 @@ def biases() -> str:
                     fix = locate(places, azimuth=azimuth, azimuth_sigma=sigma, bias=known)
                     located = np.asarray(fix.success)
                     off = (fix.position - truth)[located]
-                    square = np.asarray(metrics.nees(off, fix.covariance[located]))
-                    cells[column] += np.mean(square < LIMITS[2]), np.mean(np.sum(off**2, axis=-1))
+                    inside = in_region(off, fix.covariance[located])
+                    cells[column] += np.mean(inside), np.mean(np.sum(off**2, axis=-1))
             share, rmse = cells[:, 0] / runs, np.sqrt(cells[:, 1] / runs)
             rows.append(
                 [name, str(count), *(f"{s:.0%}, {r:.0f}" for s, r in zip(share, rmse, strict=True))]
@@ -181,7 +179,7 @@ def far_too_small() -> str:
                 located = np.asarray(fix.success)
                 off = (fix.position - truth)[located]
                 square = np.asarray(metrics.nees(off, fix.covariance[located]))
-                figures.append((np.mean(located), np.mean(square < LIMITS[2])))
+                figures.append((np.mean(located), np.mean(square < WITHIN_95[2])))
             located_share, held = np.nanmean(figures, axis=0)
             cells.append(f"{located_share:.0%}, {held:.0%}")
         rows.append([f"{count} {kind}s", *cells])
@@ -272,7 +270,7 @@ def hits(
         fix = locate(places, **own, **rest)
         error = fix.position - truth[part]
         squares.append(np.asarray(metrics.nees(error, fix.covariance))[np.asarray(fix.success)])
-    return np.concatenate(squares) < LIMITS[places.shape[1]]
+    return np.concatenate(squares) < WITHIN_95[places.shape[1]]
 
 
 def path(steps: int, dimension: int) -> FloatArray:

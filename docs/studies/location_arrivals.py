@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from studies.honesty import OUTLIERS, Draw, coverage_table
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia.location import Location, locate
@@ -15,7 +15,6 @@ SIGMA = 10.0
 SIDE = 10_000.0
 # a target of a net is left out where the error would be more than 2.4 sigma
 MOST = 24.0
-INSIDE = 5.991
 COUNTS = (4, 5, 6, 8, 12, 20, 30)
 LATE = ((6, 0.1), (8, 0.1), (12, 0.0), (12, 0.1), (12, 0.2), (20, 0.2), (30, 0.2))
 FAULTY = ((5, 30.0), (5, 100.0), (6, 20.0), (6, 100.0), (8, 10.0), (8, 20.0), (12, 10.0))
@@ -61,7 +60,7 @@ def cells(fix: Location, target: FloatArray, bound: FloatArray) -> list[str]:
     return [
         f"{ratio:.2f}",
         f"{np.mean(np.minimum(own, 100.0)) / 2:.2f}",
-        f"{np.mean(own < INSIDE):.1%}",
+        f"{np.mean(own < WITHIN_95[2]):.1%}",
         f"{1 - located.mean():.1%}",
     ]
 
@@ -167,7 +166,7 @@ def inside(run: Any) -> Any:
 
     def held(draw: Draw) -> Any:
         square = run(draw)
-        return square[np.isfinite(square)] < INSIDE
+        return square[np.isfinite(square)] < WITHIN_95[2]
 
     return held
 

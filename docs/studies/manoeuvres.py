@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
-from studies.profiles import LIMIT, STEP, Scene, as_traffic, traffic
+from studies.profiles import STEP, Scene, as_traffic, traffic
 from tertia import metrics, simulate
 from tertia.sensors import Bias
 from tertia.tracker import Radar, track
@@ -120,7 +120,7 @@ def table() -> str:
             squares = np.asarray(metrics.nees(off, covariance[:, part, part]))
             cells += [
                 f"{np.sqrt(np.mean(np.sum(off**2, axis=1))):.3g}",
-                f"{np.mean(squares < LIMIT):.0%}",
+                f"{np.mean(squares < WITHIN_95[2]):.0%}",
             ]
         rows.append([kind, *cells])
     head = ["targets", "position, m", "positions inside 95 %", "velocity, m/s"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia.location import LIGHT, Station
 from tertia.trajectory import reconstruct
@@ -14,8 +14,6 @@ from tertia.trajectory import reconstruct
 RUNS = repetitions(20, 1)
 TIMES = np.arange(float(repetitions(80, 40)))
 SIGMA, REACH = 10.0, 4000.0
-# quantiles of chi-squared with two and three degrees of freedom
-INSIDE = {2: 5.991, 3: 7.815}
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ def mirrored() -> str:
                 f"{np.sqrt(np.mean(across**2)):.1f}",
                 f"{np.sqrt(np.mean(sigma**2)):.1f}",
                 f"{np.mean(np.abs(across) < 1.96 * sigma):.0%}",
-                f"{np.mean(square < INSIDE[error.shape[1]]):.0%}",
+                f"{np.mean(square < WITHIN_95[error.shape[1]]):.0%}",
                 f"{np.mean([one[2] for one in found]):.0%}",
             ]
         )

@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia import estimate_bearing, screening
+from tertia import estimate_bearing, metrics, screening
 from tertia.simulate import direction_finder
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 SEED = 2006
+# 95 % quantiles of chi-square with so many degrees of freedom
+WITHIN_95 = {1: 3.841458820694124, 2: 5.991464547107979, 3: 7.814727903251178}
 K1 = 2.4
 CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
 SINGLES = {"single_probability": 0.05, "bursts_per_100": 0.0}
@@ -49,6 +52,16 @@ Estimator = Callable[[FloatArray], Errors]
 def generator(*study: int) -> np.random.Generator:
     """Return the source of randomness of one part of one study."""
     return np.random.default_rng([SEED, *study])
+
+
+def normalised_squares(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return `metrics.nees` of many errors."""
+    return np.asarray(metrics.nees(error, covariance))
+
+
+def in_region(error: FloatArray, covariance: FloatArray) -> BoolArray:
+    """Return whether errors (..., m) lie in the 95 % regions of their covariances (..., m, m)."""
+    return normalised_squares(error, covariance) < WITHIN_95[error.shape[-1]]
 
 
 def around(count: int, rng: np.random.Generator) -> FloatArray:

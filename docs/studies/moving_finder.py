@@ -4,16 +4,14 @@ from contextlib import suppress
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.location import Location, locate
 from tertia.sensors import Bias, Station
 
 RUNS = repetitions(100)
 SIGMA = np.radians(2.0)
 COUNTS = (30, 100)
-INSIDE = 5.991
 COLUMNS = {"no names": (None, None), "one name": ("car", None), "one name, stated": ("car", SIGMA)}
 
 
@@ -61,5 +59,5 @@ def _cell(
             found = located(places, azimuth, said[0], said[1] or 0.0)
             errors.append(found.position - emitter)
             covariances.append(found.covariance)
-    inside = np.asarray(metrics.nees(np.array(errors), np.array(covariances))) < INSIDE
+    inside = in_region(np.array(errors), np.array(covariances))
     return f"{np.sqrt(np.mean(np.sum(np.square(errors), axis=1))):.1f}; {inside.mean():.0%}"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, around, generator
+from studies.montecarlo import WITHIN_95, FloatArray, around, generator
 from studies.pages import markdown, repetitions
 from tertia.location import Station
 from tertia.trajectory import reconstruct
@@ -12,7 +12,6 @@ from tertia.trajectory import reconstruct
 RUNS = repetitions(20)
 TIMES = np.arange(60.0)
 SIGMA, REACH = 10.0, 3000.0
-INSIDE = 5.991
 # error of the first station in metres, and the share of the record in which it has it
 FAULTS = {
     "none": (0.0, 1.0),
@@ -74,7 +73,7 @@ def cell(found: list[tuple[FloatArray, ...]]) -> str:
     square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     rmse = np.sqrt(np.mean(np.sum(error**2, axis=1)))
     wrong, others = (np.mean([np.mean(one[i]) for one in found]) for i in (2, 3))
-    return f"{rmse:.1f}; {np.mean(square < INSIDE):.0%}; {wrong:.0%}, {others:.0%}"
+    return f"{rmse:.1f}; {np.mean(square < WITHIN_95[2]):.0%}; {wrong:.0%}, {others:.0%}"
 
 
 def one_wrong() -> str:

@@ -8,7 +8,7 @@ from typing import get_args
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics, simulate
 from tertia.tracker import ProfileName, Radar, track
@@ -16,8 +16,6 @@ from tertia.tracker import ProfileName, Radar, track
 TARGETS, STEP = repetitions(40, least=4), 0.05
 # durations of two scenes, seconds
 VESSEL, DRONE = float(repetitions(1200, 500)), float(repetitions(240, 120))
-# 95 % of a chi-square of two degrees of freedom
-LIMIT = 5.991
 
 
 @dataclass(frozen=True)
@@ -133,7 +131,7 @@ def judged(kind: ProfileName, profile: ProfileName, seed: int = 1) -> list[str]:
         f"{len(numbers)}",
         f"{np.sqrt(np.mean(np.sum(error**2, axis=1))):.3g}",
         f"{np.mean(squares) / 2:.2f}",
-        f"{np.mean(squares < LIMIT):.0%}",
+        f"{np.mean(squares < WITHIN_95[2]):.0%}",
     ]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from studies.montecarlo import FloatArray
+from studies.montecarlo import WITHIN_95, FloatArray, normalised_squares
 from studies.pages import DATA, markdown, table_of
 from tertia.location import Location, locate
 from tertia.sensors import Station
@@ -26,8 +26,6 @@ GATES = 25.0, 10.0
 RUNS = ("LOS_A1", "LOS_A2")
 # ranges come in rounds of a tenth of a second
 ROUND = 0.1
-# 95 % of a chi-square of two degrees of freedom
-LIMIT = 5.991
 
 
 def table() -> str:
@@ -177,10 +175,10 @@ def _against(
     known = np.isfinite(found.position).all(axis=-1) & which
     error = (found.position - truth)[known]
     covariance = found.covariance[known][:, :2, :2]
-    squares = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    squares = normalised_squares(error, covariance)
     sizes = np.quantile(np.linalg.norm(error, axis=1), [0.5, 0.9, 0.99])
     cells = [f"{len(error)}", *(f"{size:.3g}" for size in sizes)]
-    return [*cells, f"{np.mean(squares < LIMIT):.0%}", f"{np.mean(squares) / 2:.2f}"]
+    return [*cells, f"{np.mean(squares < WITHIN_95[2]):.0%}", f"{np.mean(squares) / 2:.2f}"]
 
 
 def fireball() -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from studies import honesty
 from studies.honesty import BoolArray
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia.location import Location, locate
@@ -18,7 +18,6 @@ from tertia.sensors import Bias
 NEAR, FAR, MAX_RANGE, RECORD = 200.0, 500.0, 1000.0, repetitions(100, 20)
 KAPPA = 50.0
 STATED, SPREAD = np.radians(5.0), 0.7
-CHI_SQUARE = -2 * np.log(0.05)
 RING = 5000.0
 TARGET = np.array([700.0, -400.0])
 
@@ -83,7 +82,7 @@ def few_bearings() -> str:
             fixes = locate(places, azimuth=azimuth, method="least-squares", bias=Bias())
             located = np.asarray(fixes.success)
             nees = np.asarray(metrics.nees(fixes.position, fixes.covariance))
-            linear = f"{np.mean(nees[located] <= CHI_SQUARE):.1%}"
+            linear = f"{np.mean(nees[located] <= WITHIN_95[2]):.1%}"
             region = share([np.asarray(fixes.region().contains([0.0, 0.0]))], located)
         cells = [share(found, chosen) for found in inside.values()]
         rows.append([name, *cells, linear, region, str(np.count_nonzero(chosen))])
@@ -115,7 +114,7 @@ def curved() -> str:
         region = fixes.region()
         inside, area = np.asarray(region.contains(truth))[located], np.asarray(region.area)[located]
         rows.append(
-            [name, f"{np.mean(nees[located] <= CHI_SQUARE):.1%}", f"{inside.mean():.1%}",
+            [name, f"{np.mean(nees[located] <= WITHIN_95[2]):.1%}", f"{inside.mean():.1%}",
              f"{np.mean(np.isinf(area)):.1%}", f"{1 - located.mean():.1%}"]
         )  # fmt: skip
     head = ["σ = 0.02 rad", "covariance, 95 %", "`region(0.95)`", "unbounded", "no position"]

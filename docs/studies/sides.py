@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.location import Location, locate
 from tertia.sensors import Bias
 
 RUNS = repetitions(20)
 INSTANTS = 200
 LIGHT = 299_792_458.0
-INSIDE = 7.815
 
 Scene = tuple[FloatArray, FloatArray, Callable[..., Location]]
 
@@ -119,7 +117,7 @@ def sides() -> str:
                 fix = solve(**options)
                 located = np.asarray(fix.success)
                 error = (fix.position - targets)[located]
-                inside = metrics.nees(error, fix.covariance[located]) < INSIDE
+                inside = in_region(error, fix.covariance[located])
                 middle = places[:, 2].mean()
                 over = (fix.position[located, 2] > middle) == (targets[located, 2] > middle)
                 found[name] += [located.sum(), over.sum(), np.sum(inside)]

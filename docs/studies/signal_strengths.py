@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, around, autoregressive, generator
-from studies.one_wrong import INSIDE
+from studies.montecarlo import FloatArray, around, autoregressive, generator, in_region
 from studies.pages import markdown, repetitions
 from studies.walkers import walk
 from tertia.location import Station
@@ -44,9 +43,8 @@ def signal_strengths() -> str:
                 places, way, ranges = scene(count, strengths, generator(287, number, count, seed))
                 stations = [Station(place, range_sigma=STATED) for place in places]
                 track = reconstruct(stations, TIMES, range=ranges)
-                error, covariance = track.position - way, track.covariance[:, :2, :2]
-                solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-                inside.append(np.einsum("ni,ni->n", error, solved) < INSIDE)
+                error = track.position - way
+                inside.append(in_region(error, track.covariance[:, :2, :2]))
                 square.append(np.sum(error**2, axis=1))
                 relative.append(track.relative_range_sigma or 0.0)
             row.append(

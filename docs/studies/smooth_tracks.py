@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 import polars as pl
 
-from studies.montecarlo import generator
+from studies.montecarlo import generator, in_region
 from studies.pages import DATA, markdown, repetitions, table_of
 from tertia import metrics, smoothing
 from tertia._arrays import BoolArray, FloatArray, IntArray
@@ -323,8 +323,6 @@ def between() -> str:
 
 # of what aircraft send down: m/s and radians
 _SPEED_STEP, _COURSE_STEP = 2 * 1852.0 / 3600.0, np.radians(90 / 512)
-# the 95 % region of two components
-_REGION = 5.991465
 _SITE = (41.300702333, 2.102058194, 27.0)
 
 
@@ -374,7 +372,7 @@ def recording() -> str:
         off = np.abs(np.hypot(*velocity.T) - fast)[known]
         turned = np.arctan2(*velocity.T) - towards
         aside = np.degrees(np.abs(np.angle(np.exp(1j * turned))))[known]
-        inside = np.asarray(metrics.nees(error[known], spread[known])) <= _REGION
+        inside = in_region(error[known], spread[known])
         lines.append(
             [
                 name,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from studies.montecarlo import WITHIN_95
 from studies.pages import markdown
 from studies.smooth_tracks import PARTS, RADARS, Errors, of_table, parts, plots_of
 from tertia.tracker import ImmModel, track
@@ -11,8 +12,6 @@ from tertia.tracker import ImmModel, track
 # flights of no other table
 SEED = 1
 KIND = "turns and speed changes"
-# the 95 % region of two components
-_REGION = 5.991465
 
 
 def table() -> str:
@@ -44,4 +43,4 @@ def table() -> str:
 def inside(of: Errors, part: int) -> float:
     """Return the share of velocities within the 95 % region."""
     own = of.velocity_nees[of.counted & (of.part == part)]
-    return float(np.mean(2 * own <= _REGION))
+    return float(np.mean(2 * own <= WITHIN_95[2]))

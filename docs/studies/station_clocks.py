@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator
 from studies.pages import markdown, repetitions
 from tertia.location import Station
 from tertia.sensors import Bias
@@ -14,7 +14,6 @@ from tertia.trajectory import Trajectory, reconstruct
 RUNS = repetitions(10, 1)
 # standard deviations of the errors of the clocks in seconds
 ERRORS = (0.0, 0.1, 0.5, 2.0)
-INSIDE = {2: 5.991, 3: 7.815}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,4 +117,4 @@ def judged(path: Trajectory, true: FloatArray) -> tuple[float, float]:
     d = true.shape[-1]
     error, covariance = path.position - true, path.covariance[:, :d, :d]
     square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-    return float(np.mean(np.sum(error**2, axis=1))), float(np.mean(square < INSIDE[d]))
+    return float(np.mean(np.sum(error**2, axis=1))), float(np.mean(square < WITHIN_95[d]))

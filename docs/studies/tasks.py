@@ -14,7 +14,7 @@ import polars as pl
 import scenes
 from typer.testing import CliRunner
 
-from studies.montecarlo import generator
+from studies.montecarlo import WITHIN_95, generator, in_region
 from studies.pages import markdown, repetitions
 from tertia import cli
 from tertia.kalman import SingerModel, fit_noise, smooth_series
@@ -23,8 +23,6 @@ FloatArray = npt.NDArray[np.float64]
 # of one truth, and of many
 ALONE, SCENES = repetitions(200, least=1), repetitions(40, least=1)
 PLACES = ("longitude_deg", "latitude_deg")
-# of two coordinates, and of one
-PAIR, ONE = 5.991, 3.841
 ORIGINS = {"misaligned": "50.0,14.0", "periods": "50.1,14.26"}
 
 
@@ -42,14 +40,14 @@ def inside(found: pl.DataFrame, true: Iterable[Any], suffix: str = "") -> FloatA
     """Return which true places are in the ellipses of 95 % of positions that were found."""
     named = [name.replace("_deg", f"{suffix}_deg") for name in PLACES]
     azimuth, _, far = scenes.EARTH.inv(*true, *(found[name].to_numpy() for name in named))
-    error = np.asarray(far) * np.array([np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))])
+    turn = np.radians(azimuth)
+    error = np.asarray(far)[:, np.newaxis] * np.column_stack([np.sin(turn), np.cos(turn)])
     east, north = (found[f"{axis}{suffix}_sigma_m"].to_numpy() for axis in ("east", "north"))
     both = np.zeros(len(found))
     if "covariance_east_north_m2" in found.columns:
         both = found["covariance_east_north_m2"].to_numpy()
     covariance = np.array([[east**2, both], [both, north**2]]).transpose(2, 0, 1)
-    nees = np.einsum("in,nij,jn->n", error, np.linalg.inv(covariance), error)
-    return np.asarray(nees < PAIR, dtype=np.float64)
+    return in_region(error, covariance).astype(np.float64)
 
 
 def located(found: pl.DataFrame) -> pl.DataFrame:
@@ -141,7 +139,8 @@ def groups(folder: Path, truth: pl.DataFrame) -> FloatArray:
         for latitude, longitude in found.select("latitude_deg", "longitude_deg").iter_rows()
     ]
     error = (found["azimuth_deg"].to_numpy() - np.array(true) + 180.0) % 360.0 - 180.0
-    return np.asarray((error / found["azimuth_sigma_deg"].to_numpy()) ** 2 < ONE, dtype=np.float64)
+    squares = (error / found["azimuth_sigma_deg"].to_numpy()) ** 2
+    return np.asarray(squares < WITHIN_95[1], dtype=np.float64)
 
 
 def ship(folder: Path, truth: pl.DataFrame) -> FloatArray:
@@ -154,7 +153,7 @@ def ship(folder: Path, truth: pl.DataFrame) -> FloatArray:
     found = smooth_series(z, np.asarray(noise.measurement_sigma) ** 2, model, period=360.0)
     error = (found.mean[:, 0] - truth["azimuth_deg"].to_numpy() + 180.0) % 360.0 - 180.0
     known = np.isfinite(error)
-    return np.asarray((error[known] / found.sigma[known, 0]) ** 2 < ONE, dtype=np.float64)
+    return np.asarray((error[known] / found.sigma[known, 0]) ** 2 < WITHIN_95[1], dtype=np.float64)
 
 
 # in words, the scene, and what is done with it

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from studies.location import directions
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.location import locate
 from tertia.sensors import Bias
 
@@ -18,8 +17,6 @@ RUNS, INSTANTS = repetitions(100, 4), 20
 SIGMA = 5e-6
 ERRORS = ((0.0, 0.0), (2.0, 0.0), (4.0, 0.0), (10.0, 0.0), (10.0, 3.0))
 PLACES = np.array([[0.0, 0.0, 1.6], [80.0, 10.0, 1.5], [30.0, 90.0, 1.7]])
-# 95 % quantile of chi-square with three degrees of freedom
-LIMIT = 7.815
 
 
 def theodolites() -> str:
@@ -49,7 +46,7 @@ def _cell(count: int, orientation: float, elevation: float, bias: Bias | None) -
         fix = locate(PLACES[:count], **measured, bias=bias)
         error = (fix.position - truth)[fix.success]
         squares.append(np.sum(error**2, axis=1))
-        held.append(np.asarray(metrics.nees(error, fix.covariance[fix.success])) < LIMIT)
+        held.append(in_region(error, fix.covariance[fix.success]))
     rmse = 1e3 * np.sqrt(np.mean(np.concatenate(squares)))
     return f"{rmse:.1f} mm; {np.mean(np.concatenate(held)):.0%}"
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
@@ -18,7 +17,6 @@ PLACES = np.array(
 TIME = np.arange(80.0)
 PATH = np.column_stack([1000 + 80 * TIME, 2000 + 1500 * np.sin(TIME / 25)])
 RUNS = repetitions(100)
-INSIDE = 5.991
 
 
 def late() -> str:
@@ -54,7 +52,7 @@ def _one(share: float, rng: np.random.Generator) -> FloatArray:
     path = reconstruct(stations, TIME, arrival_time=arrival)
     error = path.position - PATH
     rms = np.sqrt(np.mean(np.sum(error**2, axis=1)))
-    inside = np.mean(np.asarray(metrics.nees(error, path.covariance[:, :2, :2])) < INSIDE)
+    inside = np.mean(in_region(error, path.covariance[:, :2, :2]))
     known, outlier = ~np.isnan(arrival), np.asarray(path.outlier.arrival_time)
     out = np.mean(outlier[is_late & known]) if share else np.nan
     return np.array([rms, inside, out, np.mean(outlier[~is_late & known])])

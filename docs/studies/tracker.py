@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from studies.montecarlo import generator
+from studies.montecarlo import generator, normalised_squares
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
@@ -150,9 +150,8 @@ def compared(record: Recording, found: TrackTable) -> Errors:
     position[k] = rows.position - truth[k]
     plots, _ = record.plots.to_cartesian([record.radar])
     prediction[k] = plots[k] - rows.innovation - truth[k]
-    solved = np.linalg.solve(rows.covariance[:, :2, :2], position[k][..., np.newaxis])[..., 0]
     columns = {name: np.full(n, np.nan) for name in ("normalised", "turning")}
-    columns["normalised"][k] = np.sum(position[k] * solved, axis=-1)
+    columns["normalised"][k] = normalised_squares(position[k], rows.covariance[:, :2, :2])
     columns["turning"][k] = rows.turn_probability
     conforming = np.zeros(n, dtype=bool)
     conforming[k] = rows.conforms

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from studies import honesty
 from studies.honest_series import LABELS, MOTIONS
 from studies.honesty import BoolArray
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import WITHIN_95, FloatArray, generator, in_region, normalised_squares
 from studies.pages import markdown, repetitions
 from tertia import plot
 from tertia.location import locate
@@ -108,8 +108,6 @@ HONEST: dict[str, tuple[FloatArray, dict[Kind, float], float]] = {
         700.0,
     ),
 }
-# squares that 95 % of a chi-square variable do not exceed
-LEVELS = {2: 5.991464547107979, 3: 7.814727903251178}
 SINGLE = "least squares, no smoothing"
 EXPECTED_SINGLE = (7.88, 8.43, 8.77, 8.68, 9.12, 9.06, 9.39)
 BIASES: dict[Kind, FloatArray] = {
@@ -317,8 +315,7 @@ def _normalised(found: Trajectory, derivative: int, truth: FloatArray) -> float:
     covariance = found.covariance[:, own, own]
     error = (found.position, found.velocity, found.acceleration)[derivative] - truth
     known = np.isfinite(covariance).all(axis=(-2, -1)) & ~np.isnan(error).any(axis=-1)
-    solved = np.linalg.solve(covariance[known], error[known][..., np.newaxis])[..., 0]
-    return float(np.mean(np.sum(error[known] * solved, axis=-1)) / d)
+    return float(np.mean(normalised_squares(error[known], covariance[known])) / d)
 
 
 def drifting(times: FloatArray, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -361,9 +358,8 @@ def finders() -> str:
                 error = position - truth
                 known = np.isfinite(covariance).all(axis=(-2, -1))
                 error, covariance = error[known], covariance[known]
-                solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
                 # 95 % of a chi-square variable with two degrees of freedom
-                covered = np.sum(error * solved, axis=-1) < -2 * np.log(0.05)
+                covered = in_region(error, covariance)
                 errors.setdefault(name, []).append(np.linalg.norm(error, axis=-1))
                 inside.setdefault(name, []).append(float(np.mean(covered)))
                 if found.bias is not None and np.all(np.asarray(found.bias.azimuth_sigma) > 0):
@@ -458,12 +454,11 @@ def lasting() -> str:
             stations = [Station(drift[:, k], azimuth_sigma=LASTING_SIGMAS[0]) for k in range(4)]
             found = reconstruct(stations, times, azimuth=azimuth, **options)
             error, covariance = found.position - truth, found.covariance[:, :2, :2]
-            solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
-            distance = np.sum(error * solved, axis=-1)
+            distance = normalised_squares(error, covariance)
             squares.append(np.mean(error**2))
             normalised.append(np.mean(distance) / 2)
             # 95 % of a chi-square variable with two degrees of freedom
-            inside.append(np.mean(distance < -2 * np.log(0.05)))
+            inside.append(np.mean(distance < WITHIN_95[2]))
         rows.append(
             [
                 name,
@@ -518,8 +513,7 @@ def _tracks(
             track = reconstruct(stations, 5.0 * np.arange(count), **measured)
             d = places.shape[1]
             error, covariance = track.position - truth, track.covariance[:, :d, :d]
-            solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
-            found.append(np.sum(error * solved, axis=-1) < LEVELS[d])
+            found.append(in_region(error, covariance))
         return np.concatenate(found)
 
     return run
@@ -540,7 +534,7 @@ def motions() -> str:
                 truth = way + rng.uniform(-300.0, 300.0, 2)
                 found.append(_errors(str(kind), truth, step, rng))
             error, squares = map(np.array, zip(*found, strict=True))
-            inside = np.mean(squares < LEVELS[2])
+            inside = np.mean(squares < WITHIN_95[2])
             rmse = np.sqrt(np.mean(error**2))
             cells.append(f"{rmse:.1f}; {np.mean(squares) / 2:.2f}; {inside:.0%}")
         rows.append([LABELS.get(name, name), *cells])
@@ -562,8 +556,7 @@ def _errors(
     measured: dict[str, Any] = {kind: ideal + sigma * rng.standard_normal(ideal.shape)}
     track = reconstruct(stations, step * np.arange(len(truth)), **measured)
     error = track.position - truth
-    solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
-    return error, np.sum(error * solved, axis=-1)
+    return error, normalised_squares(error, track.covariance[:, :2, :2])
 
 
 def _wandering(rng: np.random.Generator, count: int, size: float, d: int) -> FloatArray:
@@ -758,11 +751,10 @@ def decoded() -> str:
         measured["range"][:, 0] = REAL_R
         found = reconstruct(network(places, PAPER_SIGMA), PAPER_INSTANTS, **_named(measured))
         covariance, error = found.covariance[:, :3, :3], found.position - truth
-        solved = np.linalg.solve(covariance, error[..., np.newaxis])[..., 0]
         left.append(np.asarray(found.outlier.range)[:, 0])
         squares.append(np.sum(error**2, axis=-1))
         claimed.append(np.sum(found.sigma**2, axis=-1))
-        normalised.append(np.sum(error * solved, axis=-1) / 3)
+        normalised.append(normalised_squares(error, covariance) / 3)
     rms, sigma = (np.sqrt(np.mean(values, axis=0)) for values in (squares, claimed))
     rows = [
         [

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.montecarlo import normalised_squares
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray, IntArray
@@ -190,8 +191,7 @@ def outcome(scene: Scene, found: TrackTable) -> Outcome:
         most = np.bincount(of[of >= 0]).argmax()
         own = own[of == most]
         off = own.position - scene.truth[own.plot]
-        inverse = np.linalg.inv(own.covariance[:, :2, :2])
-        nees.append(np.einsum("ni,nij,nj->n", off, inverse, off) / 2)
+        nees.append(normalised_squares(off, own.covariance[:, :2, :2]) / 2)
         error.append(np.hypot(*off.T))
     tracks = len(np.unique(found.track[found.confirmed]))
     return Outcome(scene.aircraft, tracks, np.concatenate(nees), np.concatenate(error))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from studies.montecarlo import in_region
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray, IntArray
@@ -18,8 +19,6 @@ FLIGHTS, DURATION, SETTLED = 25, 300.0, 30.0
 LARGER, FAR = 5.0, 40e3
 # stated: m, m and rad
 SIGMA, RANGE_SIGMA, AZIMUTH_SIGMA = 10.0, 50.0, 0.0014
-# 95 % quantile of chi-square with two degrees of freedom
-LIMIT = 5.991464547107979
 SEED = 83
 
 
@@ -95,8 +94,7 @@ def inside(
     known = (own >= 0) & np.isfinite(truth).all(axis=1)
     off = (table.position[rows] - truth)[known]
     covariance = table.covariance[rows][known][:, :2, :2]
-    squares = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
-    return np.sum(off**2, axis=1), squares < LIMIT
+    return np.sum(off**2, axis=1), in_region(off, covariance).astype(np.float64)
 
 
 def cells(results: Sequence[tuple[FloatArray, FloatArray]]) -> list[str]:

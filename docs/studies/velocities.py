@@ -6,9 +6,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from studies.montecarlo import generator
+from studies.montecarlo import generator, in_region
 from studies.pages import markdown, repetitions
-from tertia.metrics import nees
 from tertia.smoothing import smooth
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -16,8 +15,6 @@ Measured: TypeAlias = tuple[FloatArray, FloatArray]
 
 RUNS, STEPS, STEP, FINE = 60, 120, 4.0, 20
 POSITION, VELOCITY = 50.0, 1.0
-# chi-square of two degrees of freedom, 95 %
-LIMIT = 5.991464547107979
 # a name of a case, which is part of its seed, and its label in the table
 LABEL = (
     "velocities with AR(.9) noise besides",
@@ -102,7 +99,7 @@ def velocities() -> str:
                 (found.velocity - velocity, found.velocity_covariance),
             ):
                 rms = np.sqrt(np.mean(np.sum(error**2, axis=-1)))
-                inside = np.mean(nees(error, covariance) < LIMIT)
+                inside = np.mean(in_region(error, covariance))
                 cells.append(f"{rms:.1f}; {inside:.0%}")
         rows.append([name.replace(*LABEL), *cells])
     head = ["RMSE; within 95 %", "position, m", "velocity, m/s"]

@@ -4,11 +4,9 @@ from contextlib import suppress
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
-from studies.one_wrong import INSIDE
+from studies.montecarlo import WITHIN_95, FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
 from studies.walkers import walk
-from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
@@ -20,7 +18,6 @@ ROOM = np.array([20.0, 20.0])
 HEIGHTS = {"constant": (0.0, 1.0), "20 cm in 31 s": (0.2, 31.4), "50 cm in 3 s": (0.5, 3.1)}
 # height of the room, and speed of the tag
 SCENES = {"room of 4 m, 1 m/s": (4.0, 1.0), "hall of 8 m, 3 m/s": (8.0, 3.0)}
-INSIDE_OF_ONE = 3.841
 
 
 def walked(speed: float, height: tuple[float, float], rng: np.random.Generator) -> FloatArray:
@@ -64,7 +61,7 @@ def _one(way: FloatArray, places: FloatArray, rng: np.random.Generator) -> Float
     stations = [Station(place, range_sigma=SIGMA) for place in places]
     track = reconstruct(stations, STEP * np.arange(COUNT), range=np.maximum(ranges, SIGMA))
     error, covariance = track.position - way, track.covariance
-    inside = np.asarray(metrics.nees(error[:, :2], covariance[:, :2, :2])) < INSIDE
-    above = error[:, 2] ** 2 < INSIDE_OF_ONE * covariance[:, 2, 2]
+    inside = in_region(error[:, :2], covariance[:, :2, :2])
+    above = error[:, 2] ** 2 < WITHIN_95[1] * covariance[:, 2, 2]
     squares = np.mean(error**2, axis=0)
     return np.array([np.sqrt(squares[:2].sum()), inside.mean(), np.sqrt(squares[2]), above.mean()])

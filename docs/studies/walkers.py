@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import FloatArray, generator, in_region
 from studies.pages import markdown, repetitions
-from tertia import metrics
-from tertia._arrays import BoolArray
 from tertia.location import Station
 from tertia.smoothing import smooth
 from tertia.trajectory import reconstruct
@@ -18,8 +16,6 @@ PATHS = repetitions(60, 10)
 STEP, SPEED, TURN_RATE, STARTING = 0.1, 1.3, 0.9, 0.6
 # mean seconds until a walker stops, and of a rest
 WALK, REST = 40.0, 15.0
-# 95 % quantile of chi-square with two degrees of freedom
-LIMIT = 5.991
 SIGMA = 3.0
 
 
@@ -74,11 +70,6 @@ def walk(
     return np.array(way)
 
 
-def inside(error: FloatArray, covariance: FloatArray) -> BoolArray:
-    """Return whether the 95 % regions contain the true values."""
-    return np.asarray(metrics.nees(error, covariance)) < LIMIT
-
-
 def reconstructed() -> str:
     """Tabulate errors and coverage of paths from ranges, by interval and sigma."""
     rows = []
@@ -111,7 +102,7 @@ def _path(
     for at, found in enumerate((track.position, track.velocity)):
         error, part = found - states[:, at], slice(2 * at, 2 * at + 2)
         square.append(float(np.mean(np.sum(error**2, axis=1))))
-        share.append(float(np.mean(inside(error, track.covariance[:, part, part]))))
+        share.append(float(np.mean(in_region(error, track.covariance[:, part, part]))))
     return square, share
 
 
@@ -132,9 +123,9 @@ def smoothed() -> str:
             way, velocity = states[:, :, 0], states[:, :, 1]
             y = way + SIGMA * rng.standard_normal(way.shape)
             found = smooth(y, SIGMA**2, dt=interval)
-            held = inside(found.velocity - velocity, found.velocity_covariance)
+            held = in_region(found.velocity - velocity, found.velocity_covariance)
             is_random = np.asarray(found.diffusion) > 0
-            places = inside(found.position - way, found.position_covariance)
+            places = in_region(found.position - way, found.position_covariance)
             parts = [held[mask].mean() if mask.any() else None for mask in (~is_random, is_random)]
             shares = (places.mean(), is_random.mean(), *parts)
             cells = ["–" if one is None else f"{one:.0%}" for one in shares]
