@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +20,12 @@ from tertia._arrays import (
     spread,
     threads,
 )
-from tertia._result import Result, counted
+from tertia._result import counted
 from tertia.fusion._biases import prior_of, registered, trusted
 from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman import filter_series
 from tertia.kalman._batch import _initial, _intervals
-from tertia.kalman._model import SingerModel, _full, _require_model, _sigma
+from tertia.kalman._model import SingerModel, States, _require_model
 
 FusionMethod: TypeAlias = Literal[
     "robust",
@@ -46,7 +46,7 @@ _OUTAGES = get_args(Outage)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FusedSeries(Result):
+class FusedSeries(States):
     """A fused track, and the estimated noise of the radars.
 
     Attributes
@@ -84,9 +84,6 @@ class FusedSeries(Result):
         The fused states before the third filter; None if `third_filter` was not given.
     """
 
-    _rows: ClassVar = "mean", 1
-    _omitted: ClassVar = ("upper",)
-
     mean: FloatArray
     upper: FloatArray
     weights: FloatArray
@@ -100,16 +97,6 @@ class FusedSeries(Result):
     bias_sigma: FloatArray
     systematic: Systematic = "not included"
     unfiltered: FloatArray | None = None
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
-        return _full(self.upper)
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviations of `mean`, of shape (..., steps, 3)."""
-        return _sigma(self.upper)
 
     def __repr__(self) -> str:
         """Show the shape, the number of outliers, and which radars repeat their plots."""

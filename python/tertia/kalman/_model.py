@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray, flag, real
+from tertia._result import Result
 
 # the place of every element of a covariance in its upper triangle
 _FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
@@ -119,9 +120,27 @@ def _full(upper: FloatArray) -> FloatArray:
     return covariance
 
 
-def _sigma(upper: FloatArray) -> FloatArray:
-    sigma: FloatArray = np.sqrt(upper[..., [0, 3, 5]])
-    return sigma
+class States(Result):
+    """Angle, rate and acceleration over time; `upper` are the upper triangles of covariances."""
+
+    __slots__ = ()
+
+    _rows: ClassVar = "mean", 1
+    _omitted: ClassVar = ("upper",)
+
+    mean: FloatArray
+    upper: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
+        return _full(self.upper)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations of `mean`, of shape (..., steps, 3)."""
+        sigma: FloatArray = np.sqrt(self.upper[..., [0, 3, 5]])
+        return sigma
 
 
 def _require_model(model: Any) -> None:

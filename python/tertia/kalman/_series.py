@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray, Systematic, scalar_or_array, threads
-from tertia._result import Result
 from tertia.kalman._batch import _batch
-from tertia.kalman._model import SingerModel, _full, _sigma
+from tertia.kalman._model import SingerModel, States
 
 Store: TypeAlias = Literal["all", "mean", "final"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilteredSeries(Result):
+class FilteredSeries(States):
     """A filtered series.
 
     Attributes
@@ -44,9 +43,6 @@ class FilteredSeries(Result):
         systematic errors.
     """
 
-    _rows: ClassVar = "mean", 1
-    _omitted: ClassVar = ("upper",)
-
     mean: FloatArray
     innovation: FloatArray
     innovation_variance: FloatArray
@@ -55,16 +51,6 @@ class FilteredSeries(Result):
     upper: FloatArray
     measurement_variance: FloatArray
     systematic: Systematic = "not included"
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
-        return _full(self.upper)
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviations of `mean`, of shape (..., steps, 3)."""
-        return _sigma(self.upper)
 
     @property
     def gain(self) -> FloatArray:
@@ -84,7 +70,7 @@ class FilteredSeries(Result):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedSeries(Result):
+class SmoothedSeries(States):
     """A smoothed series.
 
     Attributes
@@ -98,22 +84,9 @@ class SmoothedSeries(Result):
         systematic errors.
     """
 
-    _rows: ClassVar = "mean", 1
-    _omitted: ClassVar = ("upper",)
-
     mean: FloatArray
     upper: FloatArray
     systematic: Systematic = "not included"
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariances of `mean`, of shape (..., steps, 3, 3)."""
-        return _full(self.upper)
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard deviations of `mean`, of shape (..., steps, 3)."""
-        return _sigma(self.upper)
 
     def __repr__(self) -> str:
         """Return the shape."""
