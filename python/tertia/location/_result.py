@@ -9,10 +9,18 @@ from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, Systematic, scalar_or_array
+from tertia import _core
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Systematic,
+    integer,
+    probability,
+    scalar_or_array,
+)
 from tertia._result import Result
 from tertia.location._arrivals import Arrivals
-from tertia.location._protection import protection_level_of
 from tertia.location._region import Accuracy, Region, radius_of, region_of
 from tertia.location._scene import Scene
 from tertia.location._speed import Speed
@@ -273,14 +281,17 @@ class Location(Result):
         """
         if self.measurement_sigma is not None:
             raise ValueError("a protection level needs stated standard deviations")
-        return protection_level_of(
-            self._source(),
-            self.position,
-            risk=risk,
-            fault_probability=fault_probability,
-            faults=faults,
-            false_alarm_probability=false_alarm_probability,
+        scene = self._source()
+        guarded = (
+            probability(risk, "risk"),
+            probability(fault_probability, "fault_probability"),
+            integer(faults, "faults", 0),
+            probability(false_alarm_probability, "false_alarm_probability"),
         )
+        level: float | FloatArray = scalar_or_array(
+            _core.protection_levels(scene.at(self.position), guarded, None)
+        )
+        return level
 
     def _source(self) -> Scene:
         if self._scene is None:

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tertia import metrics
+from tertia import fusion, metrics
 from tertia._arrays import FloatArray, IntArray
 from tertia.flightplan import FlightPlan
 from tertia.metrics import Audit, Truth
-from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
+from tertia.metrics._evaluation import MOST_NEES, Judged, Rows, judge, usual_periods
 from tertia.registration import Registration
 from tertia.registration._register import corrected, rounds
 from tertia.registration._states import Common, Run, common
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import Innovations, Updates, innovations, updates
 from tertia.report._reference import Referenced, versus_others
-from tertia.report._tracks import Combined, combine, confirmed_rows
 from tertia.sensors import Radar
+from tertia.sensors._identities import NUMBERS, leading
 from tertia.tracker import Motion, Plots, TrackTable
 from tertia.tracker._errors import in_periods
 
@@ -29,6 +29,16 @@ TOGETHER, FOUND = "all radars together", "all radars, estimated noise"
 UNCORRECTED = "all radars, not corrected"
 OPTIMAL, OPTIMAL_FOUND = "tracks fused, stated noise", "tracks fused, estimated noise"
 INTERSECTION = "covariance intersection, estimated noise"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Combined:
+    """Fused tracks of single radars; `weight` has the weights of K radars in position, (M, K)."""
+
+    state: FloatArray
+    covariance: FloatArray
+    weight: FloatArray
+    pvalue: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,3 +297,19 @@ def within(nees: FloatArray) -> float:
     """Return the fraction of the errors within the 95 % ellipse; nan if no error is known."""
     known = nees[np.isfinite(nees)]
     return float(np.mean(known <= MOST_NEES)) if len(known) else np.nan
+
+
+def confirmed_rows(table: TrackTable) -> Rows:
+    """Return the rows of confirmed tracks, for evaluation."""
+    own = table[table.confirmed]
+    kept = own.time, own.track, own.sensor, own.position, own.velocity
+    spread = own.covariance[:, :2, :2]
+    return Rows(*kept, spread, own.plot >= 0, own.height, getattr(own, leading(own, NUMBERS)))
+
+
+def combine(states: Common, method: fusion.InstantMethod) -> Combined:
+    """Fuse the states at each instant; a weight is the mean of the weights for east and north."""
+    found = fusion.fuse(states.state, states.covariance, method=method)
+    weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2
+    weight[~states.present] = np.nan
+    return Combined(found.mean, found.covariance, weight, np.asarray(found.pvalue))
