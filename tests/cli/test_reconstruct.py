@@ -19,7 +19,6 @@ from tertia import metrics, simulate
 from tertia.geo import LocalFrame
 from tertia.location import LocationStatus
 from tertia.sensors import Bias, Station
-from tertia.tables import _sensors
 from tertia.trajectory import Trajectory, reconstruct
 
 run = partial(terminal.run, "reconstruct")
@@ -346,13 +345,6 @@ def test_latitude_and_longitude_in_the_plane(order: str, write: Write, tmp_path:
     told = found["longitude_deg"].to_numpy(), found["latitude_deg"].to_numpy()
     # without the north of each station it would be 200 m
     assert np.max(geod.inv(*flown.T[::-1], *told)[2]) < 3
-
-
-def test_extra_geo_is_asked_for(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    stations = write(["A,50,14,1"], "name,latitude_deg,longitude_deg,range_sigma_m", "earth.csv")
-    monkeypatch.setattr(_sensors, "find_spec", lambda name: None)
-    told = f"tertia: {stations}: latitude_deg needs the extra geo: pip install 'tertia[geo]'\n"
-    assert run(write(lines()), "--sensors", stations) == (1, "", told)
 
 
 def test_groups(write: Write, stations: Path, tmp_path: Path) -> None:
