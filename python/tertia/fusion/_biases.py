@@ -43,11 +43,13 @@ def deviations(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
     return bias
 
 
-def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray:
-    """Return the prior standard deviation of each radar's systematic error."""
-    prior = np.empty(radars)
-    prior[...] = deviations(bias_sigma, radars)
-    if np.count_nonzero(prior == np.inf) == radars:
+def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray | None:
+    """Return the prior standard deviation of each radar's systematic error; None if all are 0."""
+    given = deviations(bias_sigma, radars)
+    if not np.count_nonzero(given):
+        return None
+    prior = np.full(radars, given)
+    if np.all(prior == np.inf):
         raise ValueError(
             "bias_sigma is infinite for every radar; it must be finite for at least one"
         )

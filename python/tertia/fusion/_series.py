@@ -293,13 +293,13 @@ def fuse_series(
         "outlier_gate": real(outlier_gate, "outlier_gate"),
     }
     prior = prior_of(bias_sigma, radars)
-    biased = np.count_nonzero(prior) > 0
-    if initial is not None and biased:
+    if initial is not None and prior is not None:
         raise ValueError("initial contains the systematic errors; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
     lasting, phi = _lasting(correlation_time, plots, stated, (time, model.dt), wrap)
-    one = trusted(fused, phi.shape)
-    if biased:
+    if prior is None:
+        one = trusted(fused, phi.shape)
+    else:
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
@@ -386,7 +386,9 @@ def _variances(
     measurement_variance: npt.ArrayLike, batch: tuple[int, ...], radars: int, steps: int
 ) -> FloatArray:
     """Return variances of shape (1 or K, 1 or steps): one array for all series or one for each."""
-    array = np.atleast_2d(samples(measurement_variance, "measurement_variance"))
+    array = samples(measurement_variance, "measurement_variance")
+    if array.ndim < 2:
+        array = array.reshape(1, -1)
     lengths = (1, steps)
     if array.shape[-1] in lengths and array.shape[-2] in {1, radars}:
         if array.ndim == 2:
