@@ -5,6 +5,7 @@
 //! process noise.
 
 pub(crate) mod adjoint;
+mod alike;
 mod diffuse;
 mod expected;
 mod faults;

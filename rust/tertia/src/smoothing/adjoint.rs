@@ -24,7 +24,7 @@ use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
 /// Variance of a prediction relative to that of its plot from which on too many digits are lost.
-const LOSS: f64 = 1e6;
+pub(super) const LOSS: f64 = 1e6;
 
 /// Number of instants at the start that are smoothed with rows of information, for positions, and for
 /// velocities and accelerations. There the filter knows far less than the smoother, and a difference of their
@@ -42,9 +42,9 @@ pub(super) struct Step<const M: usize, const N: usize> {
     pub(super) p: Square<N>,
     /// `P h` before each number, the variance `1 + h' P h` of its innovation (0 for a missing number), and
     /// the innovation.
-    ph: [[f64; N]; M],
-    s: [f64; M],
-    innovation: [f64; M],
+    pub(super) ph: [[f64; N]; M],
+    pub(super) s: [f64; M],
+    pub(super) innovation: [f64; M],
 }
 
 /// Buffers, which grow with the track, for plots of M numbers and a state of N = 3 D.
@@ -103,8 +103,7 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
         opening: Option<usize>,
         (innovation, loss): (&mut [f64], f64),
     ) -> Option<Summary> {
-        let usual = track.prior.is_empty() && track.seen.iter().all(|seen| seen.count == ENOUGH);
-        if !usual || 3 * track.dimension != N || track.numbers != M {
+        if !Self::is_for(track) {
             return None;
         }
         self.steps.clear();
@@ -127,10 +126,20 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
                     if step.s[i] > 0.0 { step.innovation[i] / step.s[i].sqrt() } else { f64::NAN };
             }
         }
+        Some(Self::summary(track, squares, 2.0 * logarithms.total() + spread.total()))
+    }
+
+    /// Whether these are buffers for a track, and its plots determine the state.
+    pub(super) fn is_for(track: &Track<'_>) -> bool {
+        let usual = track.prior.is_empty() && track.seen.iter().all(|seen| seen.count == ENOUGH);
+        usual && 3 * track.dimension == N && track.numbers == M
+    }
+
+    /// Returns the likelihood, given the sum of squares and that of the logarithms of variances.
+    pub(super) fn summary(track: &Track<'_>, squares: f64, logarithms: f64) -> Summary {
         let count = track.measured - N;
-        let logarithm = 2.0 * logarithms.total() + spread.total() + track.log_determinant;
-        let logarithm = logarithm + count as f64 * TAU.ln();
-        Some(Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count })
+        let logarithm = logarithms + track.log_determinant + count as f64 * TAU.ln();
+        Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count }
     }
 
     /// Returns the state at the first instant that is filtered with covariances.
@@ -352,7 +361,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
     /// Updates the state by the plot of an instant, number by number, because these are whitened. Returns the
     /// sum of squares that the plot adds.
     #[inline(always)]
-    fn update(
+    pub(super) fn update(
         &mut self,
         track: &Track<'_>,
         k: usize,

@@ -12,11 +12,35 @@ use crate::base::small::Matrix;
 /// Largest ratio of the two steps; beyond it, digits would be lost.
 const UNEVEN: f64 = 1e2;
 
+/// Derivatives at the third instant of the parabolas that are 1 at one of three instants and 0 at the others,
+/// from the times between first and third, second and third, and first and second instant.
+fn derivatives([a, b, c]: [f64; 3]) -> [[f64; 3]; 3] {
+    [
+        [0.0, 0.0, 1.0],
+        [b / (a * c), -a / (b * c), (a + b) / (a * b)],
+        [2.0 / (a * c), -2.0 / (b * c), 2.0 / (a * b)],
+    ]
+}
+
+/// Returns the state after the third instant: that of the parabola through the plots.
+pub(super) fn state_of_three<const M: usize, const N: usize>(track: &Track<'_>) -> [f64; N] {
+    let mut x = [0.0; N];
+    let &[first, second, third, ..] = track.times else { return x };
+    let t = derivatives([third - first, third - second, second - first]);
+    for k in 0..ENOUGH {
+        for (m, t) in t.iter().enumerate() {
+            for i in 0..M {
+                x[m * M + i] += t[k] * track.plot(k)[i];
+            }
+        }
+    }
+    x
+}
+
 /// Returns state and covariance after the third instant, if the plots are complete positions at three
 /// different times, and the contribution of the plots to the logarithm of the likelihood.
 ///
-/// The state is that of the parabola through the plots; its covariance includes those of the plots and the
-/// process noise between them.
+/// The covariance includes those of the plots and the process noise between them.
 pub(super) fn of_three<const M: usize, const N: usize>(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -27,19 +51,14 @@ pub(super) fn of_three<const M: usize, const N: usize>(
     if !even || (0..ENOUGH).any(|k| track.plot(k).iter().any(|y| y.is_nan())) {
         return None;
     }
-    // derivatives at the third instant of the parabolas that are 1 at one instant and 0 at the others
-    let t = [
-        [0.0, 0.0, 1.0],
-        [b / (a * c), -a / (b * c), (a + b) / (a * b)],
-        [2.0 / (a * c), -2.0 / (b * c), 2.0 / (a * b)],
-    ];
-    let (mut x, mut p, mut logarithms) = ([0.0; N], [[0.0; N]; N], Logarithms::NONE);
+    let t = derivatives([a, b, c]);
+    let x = state_of_three::<M, N>(track);
+    let (mut p, mut logarithms) = ([[0.0; N]; N], Logarithms::NONE);
     for k in 0..ENOUGH {
         let own = covariance::<M>(track.whitener(k));
         for i in 0..M {
             logarithms.add(track.whitener(k)[i * M + i]);
             for m in 0..ENOUGH {
-                x[m * M + i] += t[m][k] * track.plot(k)[i];
                 for (n, j) in (0..N).map(|column| (column / M, column % M)) {
                     p[m * M + i][n * M + j] += t[m][k] * t[n][k] * own[i][j];
                 }

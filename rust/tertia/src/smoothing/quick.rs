@@ -1,6 +1,7 @@
 //! Smoother with covariances for one to three axes, where it is as accurate as that with rows.
 
 use super::adjoint::{self, Adjoint};
+use super::alike::are_alike;
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::track::Track;
@@ -50,6 +51,13 @@ impl Quick {
     }
 
     fn likelihood_of_axes(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
+        if motion.last_axis == 1.0
+            && are_alike(&track.axes)
+            && let Some(sum) =
+                with_buffers!(self, track.axes[0], likelihood_of_alike(&track.axes, motion))
+        {
+            return Some(sum);
+        }
         let mut sum = Summary { log_likelihood: 0.0, count: 0 };
         for (at, axis) in track.axes.iter().enumerate() {
             let motion = motion.times(motion.on(at, track.dimension));
