@@ -232,6 +232,7 @@ impl Steps {
                     share: self.drift_share.clone(),
                     time: self.drift_time.clone(),
                     deviation: self.deviation.clone(),
+                    surveyed: Vec::new(),
                 };
                 let k = self.bias_sigma.len() / (KINDS + 1);
                 Systematic::Lasting(match height_sigma {

@@ -189,6 +189,7 @@ fn along<const D: usize, const N: usize>(
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let (found, side) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
+    let systematic = &systematic.with_surveys(record, &found);
     if clocks::are_right(record, systematic) {
         return completed(setting, found, side, systematic);
     }

@@ -6,6 +6,7 @@ use super::found::{Found, Setting};
 use super::measured::{Measured, Record};
 use super::mirror::{ABOVE, AMBIGUOUS, Mirror};
 use super::prior::Systematic;
+use super::survey;
 use crate::base::angle::median;
 use crate::location::Status;
 use crate::sensors::KINDS;
@@ -167,10 +168,10 @@ fn is_lost<T, const D: usize, const N: usize>(
     was_far(best) || was_far(1 - best) && costs[1 - best] < HARDLY_MORE * costs[best]
 }
 
-/// Half the sum of the squared residuals. Columns that are not trusted may have constant errors of the stated
-/// size, all or none of them, whichever is likelier: each costs its square and, as it is determined by all
-/// residuals of its column, the ratio of its prior standard deviation to the one that remains (Laplace's
-/// approximation).
+/// Half the sum of the squared residuals. Columns that are not trusted, or whose station may be elsewhere than
+/// surveyed, may have constant errors of the stated size, all or none of them, whichever is likelier: each
+/// costs its square and, as it is determined by all residuals of its column, the ratio of its prior standard
+/// deviation to the one that remains (Laplace's approximation).
 fn cost<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -183,6 +184,7 @@ fn cost<const D: usize, const N: usize>(
             residuals[found.measured.column[m]].push(row.residual);
         }
     }
+    let surveys = survey::variances(record, found).unwrap_or_else(|| vec![0.0; width]);
     let (mut without, mut with) = (0.0, 0.0);
     for (column, own) in residuals.iter_mut().enumerate().filter(|(_, own)| !own.is_empty()) {
         let sum = |own: &[f64], constant: f64| -> f64 {
@@ -190,11 +192,15 @@ fn cost<const D: usize, const N: usize>(
         };
         let none = sum(own, 0.0);
         without += none;
-        with += if systematic.is_trusted(column, width / KINDS) {
+        let trusted = systematic.is_trusted(column, width / KINDS);
+        let moved = surveys.get(column).map_or(0.0, |v| v / record.sigmas[column].powi(2));
+        let variance = f64::from(u8::from(!trusted)) + moved;
+        with += if variance == 0.0 {
             none
         } else {
             let constant = median(own);
-            sum(own, constant) + 0.5 * (constant * constant + (own.len() as f64).ln_1p())
+            let prior = constant * constant / variance + (own.len() as f64 * variance).ln_1p();
+            sum(own, constant) + 0.5 * prior
         };
     }
     f64::min(without, with)

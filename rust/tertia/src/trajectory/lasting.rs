@@ -172,16 +172,18 @@ impl Lasting {
             // without heights and clocks, whose errors come last
             let end = record.heights().unwrap_or(record.width());
             let last = columns.partition_point(|column| *column < end);
+            let pairs = columns.iter().zip(&point.drift);
+            let drifts: Vec<f64> = pairs.map(|(c, v)| prior.unsurveyed(*c) * v).collect();
             let (constant, drift): (f64, f64) =
-                (point.constant[..last].iter().sum(), point.drift[..last].iter().sum());
+                (point.constant[..last].iter().sum(), drifts[..last].iter().sum());
             whole += w * (constant + drift);
             drifting += w * drift;
-            let own = point.drift[..last].iter().zip(&point.time);
+            let own = drifts[..last].iter().zip(&point.time);
             let weighted = own.filter(|(v, _)| **v > 0.0);
             times += w * weighted.map(|(v, time)| v * time).sum::<f64>();
             lasting.values += &mean * *w;
             lasting.constant += covariance * (w * growth);
-            for (at, own) in point.drift.iter().enumerate() {
+            for (at, own) in drifts.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
                 // few contradictions tell how fast heights drift
                 let is_height = record.heights() == Some(columns[at]);

@@ -1,6 +1,8 @@
 //! Prior of the systematic errors.
 
+use super::found::Found;
 use super::measured::{Record, seen};
+use super::survey;
 use crate::sensors::KINDS;
 
 /// Share of the variance of the error of heights that drifts; the correlation time is estimated.
@@ -19,6 +21,9 @@ pub struct Prior {
     pub time: Vec<f64>,
     /// Standard deviations of azimuth errors that depend on the direction (N, K); none: 0.
     pub deviation: Option<Vec<f64>>,
+    /// Shares of the drifting variances that are due to survey errors (5 K), whose effect on the path is
+    /// computed from the directions of the target instead; empty: 0.
+    pub surveyed: Vec<f64>,
 }
 
 impl Prior {
@@ -29,6 +34,33 @@ impl Prior {
         self.share.insert(KINDS * k, HEIGHT_DRIFT);
         self.time.insert(KINDS * k, f64::NAN);
         self
+    }
+
+    /// Adds these variances (5 K) of errors that are due to survey errors to the drifts of the errors whose size
+    /// is stated: otherwise they would be taken for errors that do not change.
+    fn with_surveys(&self, variances: &[f64]) -> Self {
+        let mut own = Self { surveyed: vec![0.0; variances.len()], ..self.clone() };
+        if !self.sigma.iter().any(|sigma| *sigma > 0.0) {
+            return own;
+        }
+        for (at, &variance) in variances.iter().enumerate().filter(|(_, v)| **v > 0.0) {
+            let stated = self.sigma[at].powi(2);
+            if stated.is_nan() {
+                continue;
+            }
+            // a stated error without a share is constant
+            let share = if self.share[at].is_nan() { 0.0 } else { self.share[at] };
+            let drift = share * stated + variance;
+            own.sigma[at] = (stated + variance).sqrt();
+            own.share[at] = drift / (stated + variance);
+            own.surveyed[at] = variance / drift;
+        }
+        own
+    }
+
+    /// Share of the drifting variance of a column that is not due to survey errors.
+    pub(super) fn unsurveyed(&self, column: usize) -> f64 {
+        1.0 - self.surveyed.get(column).unwrap_or(&0.0)
     }
 
     /// Columns with measurements that may have lasting errors, and the clocks that may have errors.
@@ -64,6 +96,20 @@ pub enum Systematic {
 }
 
 impl Systematic {
+    /// Adds survey errors of the stations, as seen from a path.
+    pub(super) fn with_surveys<const D: usize, const N: usize>(
+        &self,
+        record: &Record<'_>,
+        found: &Found<D, N>,
+    ) -> Self {
+        match (self, survey::variances(record, found)) {
+            (Self::Lasting(prior), Some(variances)) => {
+                Self::Lasting(prior.with_surveys(&variances))
+            }
+            _ => self.clone(),
+        }
+    }
+
     /// Stated standard deviation of the systematic error of a column: 0 if it is to be estimated, ∞ if nothing
     /// is known about it.
     pub(super) fn sigma(&self, column: usize, record: &Record<'_>) -> f64 {

@@ -1,10 +1,11 @@
-//! Effect of survey errors of the stations, which are the same at all instants, on the covariance.
+//! Survey errors of the stations, which are the same at all instants.
 
 use super::bias::{add_covariance, smoothed, weights};
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record};
+use crate::base::small::dot;
 use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use nalgebra::DMatrix;
@@ -36,6 +37,29 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     let means = smoothed(setting, &moves, &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(moves.len(), moves.len()), covariance);
     Ok(())
+}
+
+/// Mean variances of the errors of each column (5 K) that survey errors cause; none if there are no survey
+/// errors. These errors change with the direction of the target.
+pub(super) fn variances<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+) -> Option<Vec<f64>> {
+    let (sigma, measured) = (record.surveys?, &found.measured);
+    let k = sigma.len();
+    let (mut sum, mut count) = (vec![0.0; KINDS * k], vec![0.0; KINDS * k]);
+    for t in 0..record.len() {
+        let rows = measured.rows(t, found.place(t));
+        for (m, row) in rows.filter(|(m, _)| measured.column[*m] < KINDS * k) {
+            let square = dot(&row.gradient, &row.gradient) / measured.precision(m).powi(2);
+            if square.is_finite() {
+                let column = measured.column[m];
+                sum[column] += square * sigma[column % k].powi(2);
+                count[column] += 1.0;
+            }
+        }
+    }
+    Some(sum.iter().zip(&count).map(|(sum, count)| sum / f64::max(*count, 1.0)).collect())
 }
 
 /// Returns the stations of all instants with one coordinate changed.

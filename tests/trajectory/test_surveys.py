@@ -1,0 +1,39 @@
+"""Stations whose surveyed positions are wrong, and which have other systematic errors as well."""
+
+import numpy as np
+from scipy import stats
+
+from tertia.sensors import Bias, Station
+from tertia.trajectory import reconstruct
+
+TIME = np.arange(80.0)
+PATH = np.column_stack(
+    [
+        -150e3 + 3750 * TIME,
+        20e3 + 500 * TIME,
+        100e3 + 1500 * TIME - 4.5 * TIME**2 + 20 * np.sin(TIME / 5),
+    ]
+)
+NOISE, SURVEY, BIAS = 5.0, 10.0, 30.0
+
+
+def run(seed):
+    """Return the squared error in units of the covariance (N,), and the squared error in m²."""
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.uniform(-100e3, 100e3, (6, 2)), rng.uniform(0, 1500, 6)])
+    true = places + SURVEY * rng.standard_normal(places.shape)
+    ranges = np.linalg.norm(PATH[:, np.newaxis] - true, axis=-1)
+    ranges += BIAS * rng.standard_normal(6) + NOISE * rng.standard_normal(ranges.shape)
+    stations = [Station(place, range_sigma=NOISE, position_sigma=SURVEY) for place in places]
+    track = reconstruct(stations, TIME, range=ranges, bias=Bias(range_sigma=BIAS))
+    error, own = track.position - PATH, track.covariance[:, :3, :3]
+    solved = np.linalg.solve(own, error[..., np.newaxis])[..., 0]
+    assert np.all(track.bias.range_sigma <= 1.01 * BIAS)  # without the survey error
+    return np.sum(error * solved, axis=1), np.sum(error**2, axis=1)
+
+
+def test_survey_errors_are_not_taken_for_large_biases():
+    squares, errors = zip(*[run(seed) for seed in range(8)], strict=True)
+    inside = np.mean(np.array(squares) < stats.chi2.ppf(0.95, 3))
+    assert 0.85 <= inside
+    assert np.sqrt(np.median(errors)) < 90.0
