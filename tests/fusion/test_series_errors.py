@@ -6,6 +6,7 @@ from checks import INF, NAN, spoilt
 from fusion.scenes import MODEL
 
 from tertia.fusion import AngleFusion, fuse, fuse_series
+from tertia.kalman import SingerModel
 
 Z = np.arange(10.0).reshape(2, 5)
 STATE_OF_TWO = np.zeros((2, 3)), np.full((2, 3, 3), np.eye(3))
@@ -130,3 +131,14 @@ def test_more_radars_than_memory_is_refused():
         AngleFusion(MODEL, np.ones(many))
     with pytest.raises(MemoryError):
         fuse(np.zeros((many, 1)), np.ones((many, 1, 1)), method="covariance-intersection")
+
+
+@pytest.mark.parametrize("wrong", [np.radians, np.negative, lambda z: z + 20.0])
+def test_two_radars_that_contradict_each_other_throughout_cause_a_warning(wrong):
+    rng = np.random.default_rng(1)
+    z = 40.0 + 0.02 * np.arange(200) + 0.1 * rng.standard_normal((2, 200))
+    model = SingerModel(2.0, 1 / 60, 0.002)
+    fuse_series(z, 0.1**2, model, period=360.0)
+    z[1] = wrong(z[1])
+    with pytest.warns(UserWarning, match="contradict the other radars.*the unit, the north"):
+        fuse_series(z % 360.0, 0.1**2, model, period=360.0)

@@ -153,11 +153,13 @@ class TestMonteCarlo:
     def test_first_plots_that_contradict_each_other(self):
         z = np.full((3, 20), 10.0)
         z[2] = 190.0
-        result = fuse_series(z, 0.25, MODEL, period=360.0)
+        with pytest.warns(UserWarning, match="radar 2 contradict"):
+            result = fuse_series(z, 0.25, MODEL, period=360.0)
         assert np.all(np.abs(result.mean[:, 0] - 10.0) < 0.1)
         np.testing.assert_array_equal(result.outlier[:, 0], [False, False, True])
         # any of two may be wrong
-        result = fuse_series(z[1:], 0.25, MODEL, period=360.0)
+        with pytest.warns(UserWarning, match="the other radar may be the wrong one"):
+            result = fuse_series(z[1:], 0.25, MODEL, period=360.0)
         assert not result.outlier[:, 0].any()
         away = np.abs((result.mean[0, 0] - np.array([10.0, 190.0]) + 180.0) % 360.0 - 180.0)
         assert np.all(away < 1.1 * result.sigma[0, 0])

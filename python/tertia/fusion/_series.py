@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
@@ -43,6 +44,8 @@ FusionMethod: TypeAlias = Literal[
 
 Outage: TypeAlias = Literal["excluded", "printed"]
 _OUTAGES = get_args(Outage)
+# share of the plots of a radar from which on they are no single outliers, and least number of plots
+_MOST, _FEWEST = 0.5, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,6 +224,12 @@ def fuse_series(
     TypeError
         If an argument has the wrong type.
 
+    Warns
+    -----
+    UserWarning
+        If most plots of a radar are outliers for "robust": they contradict the other radars, as if
+        they had another unit, another north or other times.
+
     Notes
     -----
     "robust": the noise variance of a plot is the stated variance times an unknown level (1/4 to 64,
@@ -303,6 +312,8 @@ def fuse_series(
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
+    if method == "robust":
+        _doubt_radars(outlier & ~repeated, ~np.isnan(plots) & ~repeated)
     if np.count_nonzero(lasting):
         variance = spread(stated, plots.shape)
         is_bound = method == "covariance-intersection"
@@ -331,6 +342,27 @@ def fuse_series(
     )
     upper = again.upper if one.added is None else again.upper + one.added
     return replace(found, mean=again.mean, upper=upper, unfiltered=mean)
+
+
+def _doubt_radars(outlier: BoolArray, there: BoolArray) -> None:
+    """Warn if most plots of a radar, of those that are `there`, (..., K, steps), are outliers."""
+    radars = there.shape[-2]
+    count = there.sum(axis=-1)
+    wrong = (count >= _FEWEST) & (outlier.sum(axis=-1) > _MOST * count)
+    if radars == 1 or not np.any(wrong):
+        return
+    radar = np.argwhere(wrong)[0][-1]
+    rest = (
+        "the other radar may be the wrong one, and the track is then wrong by far more than its "
+        "sigmas; "
+        if radars == 2
+        else ""
+    )
+    warnings.warn(
+        f"most plots of radar {radar} contradict the other radars and are left out: {rest}check "
+        "the unit, the north and the times of each radar",
+        stacklevel=3,
+    )
 
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
