@@ -29,6 +29,7 @@ from studies import (
     constant_errors,
     contamination,
     delays,
+    deviations,
     existence,
     extents,
     fixed_echoes,
@@ -210,6 +211,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "registration.md": {
         "coverage": registration.coverage,
         "aligned": registration.aligned,
+        "deviations": deviations.deviations,
         "live": registration.live,
         "demo": registration_demo.table,
         "bound": registration_bound.table,

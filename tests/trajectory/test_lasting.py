@@ -314,7 +314,10 @@ def test_fields_of_a_bias_that_cannot_be():
     for fields, message in (
         ({"drift_share": 1.5}, "drift_share is 1.5; it must be between 0 and 1"),
         ({"drift_time": 0.0}, "drift_time is 0.0; it must be positive"),
-        ({"azimuth": [0.0, 1.0], "deviation_order": 1}, "deviation_order is for one sensor"),
+        (
+            {"azimuth": [0.0, 1.0], "deviation_covariance": [[1.0]]},
+            "deviation_covariance is for one",
+        ),
         ({"deviation_order": 1, "deviation": [1.0]}, "deviation has shape (1,)"),
     ):
         with pytest.raises(ValueError, match=re.escape(message)):

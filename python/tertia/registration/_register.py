@@ -16,11 +16,12 @@ from tertia.registration._states import Common, Run, alone
 from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable
+from tertia.tracker._biases import columns_of, values_of, without_deviation
 from tertia.tracker._errors import Errors, equal_periods, errors, in_periods, with_bias
 from tertia.tracker._models import with_heights
 from tertia.tracker._recording import tracked
 from tertia.tracker._sensors import interval, sensors_of
-from tertia.tracker._start import columns_of, start
+from tertia.tracker._start import start
 
 # rounds of tracking, each with the noise found in the one before
 _ROUNDS = 3
@@ -192,6 +193,7 @@ def rounds(
     history, history_sigma = (
         over_time * own[:, np.newaxis] / noise[:, np.newaxis] for over_time in histories
     )
+    alike = without_deviation(known.bias, given)
     registration = Registration(
         bias=known.bias,
         covariance=known.covariance,
@@ -204,7 +206,7 @@ def rounds(
         sensors=tuple(
             with_bias(
                 with_noise(one, levels[0, k] * own[k]) if isinstance(one, Radar) else one,
-                known.bias[k],
+                alike[k],
             )
             for k, one in enumerate(given)
         ),
@@ -242,7 +244,7 @@ def _systematic(
     estimated scan by scan, as they may change suddenly.
     """
     begin = start(alone, sensors)[0]
-    sigma, found = columns_of(begin, "_sigma"), columns_of(begin)
+    sigma, found = columns_of(begin, "_sigma"), values_of(begin)
     noise = _stated(sensors)
     joint = run(plots, sensors, registration=None) if joint is None else joint
     known = errors(plots, joint, sensors, sigma=sigma, start=found)
@@ -283,7 +285,7 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
     factors[~np.isfinite(factors)] = 1.0
     places = np.array([radar.position[:2] for radar in radars])
     found = registration.bias_history
-    bias = np.stack([columns_of(one) for one in found.bias])[in_periods(states.time, found.edges)]
+    bias = np.stack([values_of(one) for one in found.bias])[in_periods(states.time, found.edges)]
     state, covariance = _core.correct_states(states.columns(), places, bias, factors)
     return Common(
         states.time,

@@ -46,8 +46,9 @@ class Registration(Result):
         recording, each of shape (K,), with their standard deviations. A bias that the plots do not
         determine keeps its value and sigma from before the registration; its sigma is larger if
         other biases of its kind exceed theirs.
-    covariance : ndarray of shape (4 * K, 4 * K)
-        Covariance of the biases of range, gain, azimuth and time at the end, radar by radar.
+    covariance : ndarray of shape (4 * K, 4 * K) or (8 * K, 8 * K)
+        Covariance of the biases of range, gain, azimuth and time at the end, radar by radar. If
+        `bias` has deviations, their coefficients follow the time of each radar.
     changes : tuple of (float, int)
         Times in seconds at which biases changed suddenly, and the indices of the sensors.
     prior : Bias
@@ -63,6 +64,7 @@ class Registration(Result):
         Biases over time.
     sensors : tuple of K Radar or PositionSensor
         The sensors; the radars have the estimated noise, and the bias at the end of the recording.
+        A deviation of the azimuth is part of the sigma of the azimuth bias.
     """
 
     _rows: ClassVar = "bias_range", 0

@@ -38,7 +38,6 @@ _ALIKE = (
     "drift_time",
     "deviation_order",
     "deviation_sigma",
-    "deviation",
     "deviation_covariance",
 )
 _NO_DEVIATION: dict[str, Any] = {
@@ -86,18 +85,19 @@ class Bias(Result):
         correlation has decreased to 1/e; inf means that there is no variation. None: it is
         estimated.
     deviation_order : int
-        Order of the Fourier series that describes how the azimuth bias of one sensor deviates from
+        Order of the Fourier series that describes how the azimuth bias of a sensor deviates from
         `azimuth` as a function of the direction, as on the deviation card of a compass. 0 means
         that the bias is the same in all directions.
     deviation_sigma : float
         Standard deviation of the coefficients of the first harmonic of the deviation in radians;
         for the k-th harmonic it is 1/k of this value.
-    deviation : ndarray of shape (2 * deviation_order,)
+    deviation : ndarray of shape (2 * deviation_order,) or (K, 2 * deviation_order)
         Coefficients of sin a, cos a, sin 2a, ... in the deviation, in radians, where a is the
         azimuth.
     deviation_covariance : ndarray of shape (1 + 2 * order, 1 + 2 * order) or None
-        Covariance of the constant part and the coefficients, as estimated by `calibrate`. None: the
-        constant part and the coefficients are independent, and have the standard deviations above.
+        Covariance of the constant part and the coefficients of one sensor, as estimated by
+        `calibrate`. None: the constant part and the coefficients are independent, and have the
+        standard deviations above.
 
     Raises
     ------
@@ -200,16 +200,19 @@ class Bias(Result):
             column = np.array(np.broadcast_to(arrays[name], shape)) if name in arrays else None
             object.__setattr__(self, name, None if column is None else scalar_or_array(column))
         order = integer(deviation_order, "deviation_order", 0)
-        if order > 0 and shape != ():
-            raise ValueError("deviation_order is for one sensor; the fields are those of several")
         scale = _bias_number(real(deviation_sigma, "deviation_sigma"), "azimuth_sigma", degrees)
-        curve = np.zeros(2 * order) if deviation is None else finite(deviation, "deviation")
+        if deviation is None:
+            curve = np.zeros((*shape, 2 * order) if order > 0 else 0)
+        else:
+            curve = finite(deviation, "deviation")
         curve = np.radians(curve) if degrees and deviation is not None else curve
         spread = deviation_covariance
+        if spread is not None and shape != ():
+            raise ValueError("deviation_covariance is for one sensor; the fields are of several")
         if spread is not None:
             spread = finite(spread, "deviation_covariance")
         for key, array, size in (
-            ("deviation", curve, (2 * order,)),
+            ("deviation", curve, (*shape, 2 * order) if order > 0 else (0,)),
             ("deviation_covariance", spread, (2 * order + 1,) * 2),
         ):
             if array is not None and array.shape != size:
@@ -225,7 +228,8 @@ class Bias(Result):
         bias: Bias = object.__new__(cls)
         none = np.zeros(len(next(iter(columns.values()))))
         for name in Bias.__slots__:
-            own = _NO_DEVIATION.get(name) if name in _ALIKE else columns.get(name, none)
+            is_column = name not in _ALIKE and name not in _NO_DEVIATION
+            own = columns.get(name, none) if is_column else _NO_DEVIATION.get(name)
             object.__setattr__(bias, name, own)
         return bias
 
@@ -322,7 +326,7 @@ class Bias(Result):
 
         azimuth = plots.azimuth - own("azimuth")
         if self.deviation_order > 0:
-            azimuth = self._without(plots.azimuth)
+            azimuth = self._without(plots)
         position = plots.position
         if position is not None and (np.any(self.east) or np.any(self.north)):
             position = position - np.stack(np.broadcast_arrays(own("east"), own("north")), axis=-1)
@@ -334,9 +338,16 @@ class Bias(Result):
             azimuth=azimuth,
         )
 
-    def _without(self, measured: FloatArray) -> FloatArray:
+    def _without(self, plots: Any) -> FloatArray:
         """Return measured azimuths minus the bias, which depends on the azimuth without it."""
-        azimuth = measured - self.azimuth
+        measured: FloatArray = np.asarray(plots.azimuth, dtype=np.float64)
+        azimuth: FloatArray = measured.copy()
+        if np.ndim(self.range) > 0:
+            for k in np.unique(plots.sensor):
+                own = plots.sensor == k
+                azimuth[own] = self[k]._without(plots[own])
+            return azimuth
+        azimuth -= self.azimuth
         for _ in range(_MOST_STEPS):
             last, azimuth = azimuth, measured - self.at(azimuth)[0]
             if not np.any(np.abs(azimuth - last) > _STILL):
@@ -366,7 +377,8 @@ class Bias(Result):
         own: dict[str, Any] = {}
         for name in Bias.__slots__:
             value = getattr(self, name)
-            own[name] = value if value is None or name in _ALIKE else value[sensor]
+            is_alike = value is None or name in _ALIKE or (name == "deviation" and value.ndim == 1)
+            own[name] = value if is_alike else value[sensor]
         return Bias(**own)
 
     def __repr__(self) -> str:
@@ -375,7 +387,7 @@ class Bias(Result):
         for name in Bias.__slots__:
             value = getattr(self, name)
             if value is None:
-                if name not in _ALIKE:
+                if name not in _ALIKE and name != "deviation":
                     shown.append(f"{name}=None")
             elif name == "deviation_covariance":
                 continue

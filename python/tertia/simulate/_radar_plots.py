@@ -295,7 +295,9 @@ def _seen(
     error = random.standard_normal((2, n)) * np.where(outlier, defects.size, 1.0)
     late = time[rows] >= since
     detection, sigma = _detected(radar, draw[rows])
-    azimuth = direction[rows] + late * bias.azimuth + sigma[1] * error[1]
+    # the sigma is not used; it may be unknown
+    off = replace(bias, azimuth_sigma=0.0).at(direction[rows])[0]
+    azimuth = direction[rows] + late * off + sigma[1] * error[1]
     slant = distance[rows] * (1.0 + late * bias.range_gain) + late * bias.range
     # transponders report hundreds of feet
     reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL

@@ -12,11 +12,20 @@ from tertia import _core
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import drift_rates, own_biases
+from tertia.tracker._biases import (
+    are_placed,
+    bias_of,
+    bias_with_deviation,
+    columns_of,
+    covariance_without_deviation,
+    padded,
+    values_of,
+    with_deviation_sigma,
+)
 from tertia.tracker._earth import in_plane
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import target_plots
 from tertia.tracker._sensors import core_sensors, interval, slant
-from tertia.tracker._start import are_placed, bias_of, columns_of
 from tertia.tracker._table import TrackTable
 
 _Sensor: TypeAlias = Radar | PositionSensor
@@ -86,7 +95,8 @@ class Errors:
     """Systematic errors of K sensors, their prior distribution, and the noise of the sensors.
 
     `covariance` (4 K, 4 K) is the covariance of the errors of offset, gain, azimuth and time in the
-    last period, sensor by sensor. `changes` has the times of sudden changes and the sensors that
+    last period, sensor by sensor; with deviations, (8 K, 8 K), their coefficients follow the time.
+    `changes` has the times of sudden changes and the sensors that
     changed. `factor` (K, 2) is the ratio of the estimated to the assumed noise, and `redundancy` is
     the number of redundant measurements from which it was estimated.
     """
@@ -105,8 +115,8 @@ class Errors:
 
     @property
     def values(self) -> FloatArray:
-        """The errors of each period, (T, K, 4)."""
-        return np.stack([columns_of(bias) for bias in self.history.bias])
+        """The errors of each period, (T, K, 8)."""
+        return np.stack([values_of(bias) for bias in self.history.bias])
 
     def removed(self, plots: Plots, sensors: Sequence[_Sensor]) -> tuple[Plots, list[_Sensor]]:
         """Return plots without the errors, and sensors of which only the sigmas are left."""
@@ -115,7 +125,8 @@ class Errors:
 
 def without_values(sensors: Sequence[_Sensor], bias: Bias) -> list[_Sensor]:
     """Return sensors that have these biases, of which the values have been removed from plots."""
-    left = bias_of(0.0 * columns_of(bias), columns_of(bias, "_sigma"), are_placed(sensors))
+    unknown = with_deviation_sigma(bias)
+    left = bias_of(0.0 * unknown, unknown, are_placed(sensors))
     return [with_bias(one, left[k]) for k, one in enumerate(sensors)]
 
 
@@ -138,8 +149,8 @@ def errors(
 ) -> Errors:
     """Return the errors that follow from the plots of the tracks.
 
-    `sigma` (K, 4) are the standard deviations of the prior distribution, and `start` (T, K, 4) or
-    (K, 4) are the errors with which the estimation begins. By default both are those of the
+    `sigma` (K, 4) are the standard deviations of the prior distribution, and `start` (T, K, 8) or
+    (K, 8) are the errors with which the estimation begins. By default both are those of the
     sensors, which are always the means of the prior distribution.
     """
     given = own_biases(sensors)
@@ -147,8 +158,8 @@ def errors(
     edges = equal_periods(plots.time, _SCANS * max(map(interval, sensors)), most)
     mean = columns_of(given)
     sigma = columns_of(given, "_sigma") if sigma is None else sigma
-    begin = mean if start is None else start
-    begin = np.broadcast_to(begin, (len(edges) - 1, *mean.shape))
+    begin = padded(mean) if start is None else start
+    begin = np.broadcast_to(begin, (len(edges) - 1, *begin.shape[-2:]))
     plots = plots._replaced(height=_heights(plots, tracks))
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = in_plane(plots, sensors)[tracks.plot[rows]]
@@ -156,12 +167,14 @@ def errors(
         target_plots(own, tracks, rows),
         core_sensors(sensors, "cv")[0],
         slant(sensors, plots),
-        [mean, sigma, drift_rates(sensors)],
+        [padded(one) for one in (mean, sigma, drift_rates(sensors))],
         edges,
         np.ascontiguousarray(begin),
     )
     placed = are_placed(sensors)
-    history = tuple(bias_of(*own, placed) for own in zip(value, after, strict=True))
+    history = tuple(bias_with_deviation(*own, placed) for own in zip(value, after, strict=True))
+    if history[-1].deviation_order == 0:
+        covariance = covariance_without_deviation(covariance, history[-1])
     return Errors(
         history=BiasHistory(edges, history),
         covariance=covariance,

@@ -14,11 +14,17 @@ from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._identities import NO_CALLSIGN, NO_IDENTITY, NUMBERS, leading
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._azimuths import azimuth_sigmas, placed
+from tertia.tracker._biases import (
+    are_placed,
+    bias_of,
+    columns_of,
+    covariance_without_deviation,
+)
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import ProfileName, with_heights
 from tertia.tracker._plots import Plots
 from tertia.tracker._sensors import Sensor, core_sensors, interval, slant, velocities_of
-from tertia.tracker._start import are_placed, bias_of, columns_of, start
+from tertia.tracker._start import start
 from tertia.tracker._table import TrackTable
 
 # scans of the slowest radar after which errors far larger than expected are sought at first, with
@@ -97,7 +103,9 @@ def begun(
     # the prior of the errors is that of the sensors
     pairs = zip(found, sensors, strict=True)
     placed = tuple(replace(own, bias=one.bias) for own, one in pairs)
-    return placed, (columns_of(registration.bias), registration.covariance)
+    bias = registration.bias
+    covariance = covariance_without_deviation(registration.covariance, bias)
+    return placed, (columns_of(bias), covariance)
 
 
 class Registrar:

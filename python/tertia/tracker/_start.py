@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia.sensors import Bias, PositionSensor
-from tertia.sensors._bias import KINDS, PLACED
+from tertia._arrays import FloatArray, IntArray
+from tertia.sensors import Bias
 from tertia.sensors._identities import COLUMNS as IDENTITIES
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._biases import are_placed, bias_of, columns_of
 from tertia.tracker._sensors import Sensor, core_sensors, interval
 from tertia.tracker._table import TrackTable
 
@@ -54,35 +54,6 @@ def start(
     wide[placed, :3], after[placed, :3] = sigma[placed, :3], sigma[placed, :3]
     bias = bias_of(columns_of(prior) + value, wide, placed)
     return bias, after, np.array(paired, dtype=np.int64)
-
-
-def are_placed(sensors: Sequence[Sensor]) -> BoolArray:
-    """Return which sensors report positions, (K,)."""
-    return np.array([isinstance(one, PositionSensor) for one in sensors], dtype=bool)
-
-
-def columns_of(bias: Bias, suffix: str = "") -> FloatArray:
-    """Return the errors of K sensors, or their standard deviations, (K, 4).
-
-    A sensor that reports positions has errors of east and north in the places of range and azimuth.
-    """
-    columns = np.stack([np.asarray(getattr(bias, kind + suffix)) for kind in KINDS], axis=-1)
-    for j, kind in enumerate(PLACED[:3]):
-        if kind is not None:
-            columns[:, j] += getattr(bias, kind + suffix)
-    return columns
-
-
-def bias_of(value: FloatArray, sigma: FloatArray, placed: BoolArray) -> Bias:
-    """Return the errors of K sensors from an array of shape (K, 4), as `columns_of` returns it."""
-    columns: dict[str, Any] = {}
-    for suffix, array in (("", value), ("_sigma", sigma)):
-        for j, (kind, other) in enumerate(zip(KINDS, PLACED, strict=True)):
-            columns[kind + suffix] = array[:, j]
-            if other not in {None, kind}:
-                columns[kind + suffix] = np.where(placed, 0.0, array[:, j])
-                columns[f"{other}{suffix}"] = np.where(placed, array[:, j], 0.0)
-    return Bias(**columns)
 
 
 def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> float | None:

@@ -37,11 +37,11 @@ def systematic(
 ) -> FloatArray:
     """Return the covariance of each position from systematic errors, (N, 2, 2).
 
-    `covariance` (4 K, 4 K) is that of the errors of the K sensors. A position is taken as the mean
-    of the sensors that see the target at about this time, weighted by their information, without
-    the sensor that is excluded.
+    `covariance` (4 K, 4 K) is that of the errors of the K sensors; with deviations, (8 K, 8 K),
+    their coefficients follow the time. A position is taken as the mean of the sensors that see the
+    target at about this time, weighted by their information, without the sensor that is excluded.
     """
-    effects = _effects(plots, sensors)
+    effects = _effects(plots, sensors)[..., : covariance.shape[0] // len(sensors)]
     near = [_nearest(plots, k, interval(one)) for k, one in enumerate(sensors)]
     near = [(at, weight * (k != excluded)) for k, (at, weight) in enumerate(near)]
     total = np.maximum(sum(weight for _, weight in near), np.finfo(float).tiny)
@@ -56,9 +56,10 @@ def systematic(
 
 
 def _effects(plots: Placed, sensors: Sequence[_Sensor]) -> FloatArray:
-    """Return the derivatives of positions with respect to the errors of their sensor, (N, 2, 4).
+    """Return the derivatives of positions with respect to the errors of their sensor, (N, 2, 8).
 
-    The errors are those of range, gain, azimuth and time, or of east, none, north and time.
+    The errors are those of range, gain, azimuth and time, or of east, none, north and time, and the
+    coefficients of the deviation of the azimuth.
     """
     places = [one.position[:2] if isinstance(one, Radar) else [0.0, 0.0] for one in sensors]
     place = np.array(places)
@@ -66,12 +67,16 @@ def _effects(plots: Placed, sensors: Sequence[_Sensor]) -> FloatArray:
     away = plots.position - place[plots.sensor]
     distance = np.maximum(np.hypot(*away.T), 1.0)[:, np.newaxis]
     east, north = np.eye(2)
+    across = np.where(is_radar, away[:, ::-1] * [1.0, -1.0], 0.0)
+    sine, cosine = (away / distance).T[..., np.newaxis]
+    harmonics = (sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2)
     return np.stack(
         [
             np.where(is_radar, away / distance, east),
             np.where(is_radar, away, 0.0),
-            np.where(is_radar, away[:, ::-1] * [1.0, -1.0], north),
+            np.where(is_radar, across, north),
             -plots.velocity,
+            *(across * harmonic for harmonic in harmonics),
         ],
         axis=2,
     )

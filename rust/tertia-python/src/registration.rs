@@ -6,8 +6,22 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::registration::{
-    self as core, Alone, Common, ERRORS, Level, Place, PolarPlot, Report, Row, TargetPlot,
+    self as core, Alone, Common, ERRORS, Errors, KINDS, Level, Place, PolarPlot, Report, Row,
+    TargetPlot,
 };
+
+/// Returns errors that are the same in all directions, as errors without deviations.
+pub fn with_deviation(errors: Vec<[f64; KINDS]>) -> Vec<Errors> {
+    let with = |[range, gain, azimuth, clock]: [f64; KINDS]| {
+        [range, gain, azimuth, clock, 0.0, 0.0, 0.0, 0.0]
+    };
+    errors.into_iter().map(with).collect()
+}
+
+/// Returns the errors that are the same in all directions.
+pub fn without_deviation(errors: &[Errors]) -> impl Iterator<Item = f64> + '_ {
+    errors.iter().flat_map(|own| own[..KINDS].iter().copied())
+}
 
 /// Cost of a row of a table or an instant of a radar, for the decision whether to release the
 /// interpreter's lock.
@@ -263,11 +277,11 @@ pub fn common_states<'py>(
     ))
 }
 
-/// Errors (T, K, 4) of radars in periods and their standard deviations; covariance of the last errors (4
-/// K, 4 K); ratio of the noise to the stated noise, and the number of redundant measurements behind it,
+/// Errors (T, K, 8) of radars in periods and their standard deviations; covariance of the last errors (8
+/// K, 8 K); ratio of the noise to the stated noise, and the number of redundant measurements behind it,
 /// (K, 2); the first period after each sudden change and its radar; the number of blocks that were used,
 /// and of those that fit no motion. `prior` contains means, standard deviations and rates of drift, (K,
-/// 4); the search for the errors begins at `start` (T K, 4).
+/// 8); the search for the errors begins at `start` (T K, 8).
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
 pub fn register_errors<'py>(
@@ -326,15 +340,15 @@ pub fn register_start<'py>(
     sigma: Input<'py>,
 ) -> PyResult<([Array<'py>; 3], Vec<usize>)> {
     let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
-    let sigma = sigma.points::<ERRORS>("sigma", 1)?;
+    let sigma = sigma.points::<KINDS>("sigma", 1)?;
     same_length(radars.len(), &[sigma.len()])?;
     let tracks = tracks.read(radars.len())?;
     let found = release(py, f64::INFINITY, || core::start(&tracks, &radars, &sigma))?;
     let k = radars.len();
     let levels = [
-        array(py, &[k, ERRORS], found.errors.into_flattened())?,
-        array(py, &[k, ERRORS], found.prior.into_flattened())?,
-        array(py, &[k, ERRORS], found.sigma.into_flattened())?,
+        array(py, &[k, KINDS], found.errors.into_flattened())?,
+        array(py, &[k, KINDS], found.prior.into_flattened())?,
+        array(py, &[k, KINDS], found.sigma.into_flattened())?,
     ];
     Ok((levels, found.paired))
 }
@@ -375,7 +389,7 @@ pub fn calibrate<'py>(
     ))
 }
 
-/// States (M, K, 4) and covariances after removing errors (K, 4) and scaling the standard deviations by
+/// States (M, K, 4) and covariances after removing errors (M, K, 8) and scaling the standard deviations by
 /// factors (M, K, 2) along the range and across it.
 #[pyfunction]
 pub fn correct_states<'py>(

@@ -1,12 +1,13 @@
 //! Bindings of `tertia::tertiary`.
 
 use crate::arrays::{Array, Input, Integers, Marks, Threads, array, choice, release, value_error};
+use crate::registration::{with_deviation, without_deviation};
 use crate::sensors::{IdentityColumns, Radar, callsigns};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::ERRORS;
+use tertia::registration::KINDS;
 use tertia::tertiary::{Centre, Row, Rule, Settings, SystemTrack};
 
 /// Rows of the tracks of sensors.
@@ -97,7 +98,7 @@ impl FusionCentre {
         ];
         let rule = choice("method", method, &choices)?;
         let [mean, sigma, drift] = [(mean, "mean"), (sigma, "sigma"), (drift, "drift")]
-            .map(|(input, name)| input.points::<ERRORS>(name, 1));
+            .map(|(input, name)| input.points(name, 1).map(with_deviation));
         let (mean, sigma, drift) = (mean?, sigma?, drift?);
         let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
         let sensors = radars.len();
@@ -158,10 +159,10 @@ impl FusionCentre {
     /// Returns errors and their standard deviations, (K, 4).
     fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 2]> {
         let registrar = self.centre.registrar();
-        let shape = [self.sensors, ERRORS];
+        let shape = [self.sensors, KINDS];
         Ok([
-            array(py, &shape, registrar.errors().into_flattened())?,
-            array(py, &shape, registrar.sigmas().into_flattened())?,
+            array(py, &shape, without_deviation(&registrar.errors()))?,
+            array(py, &shape, without_deviation(&registrar.sigmas()))?,
         ])
     }
 

@@ -58,6 +58,6 @@ pub use noise::{Level, Noise, noise, stretch_of};
 pub use recording::{Periods, Prior, Registered, register};
 pub use row::{Row, Table};
 pub(crate) use settled::restrain;
-pub use sighting::{ERRORS, Errors, Place, Report};
+pub use sighting::{ERRORS, Errors, KINDS, Place, Report};
 pub use start::{Alone, Start, start};
 pub use targets::TargetPlot;

@@ -2,14 +2,14 @@
 
 use super::{Columns, TrackColumns, View};
 use crate::arrays::{Array, Input, Integers, array, release};
-use crate::registration::same_length;
+use crate::registration::{same_length, with_deviation, without_deviation};
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use tertia::registration::{
-    self as core, Changed, ERRORS, Other, Report, TargetPlot, Update, Updates,
+    self as core, Changed, KINDS, Other, Report, TargetPlot, Update, Updates,
 };
 use tertia::tracker::{Data, PlotStatus, Plots};
 
@@ -28,18 +28,18 @@ impl Registrar {
         drift: Input<'_>,
     ) -> PyResult<Self> {
         let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
-        let mean = mean.points::<ERRORS>("mean", 1)?;
-        let sigma = sigma.points::<ERRORS>("sigma", 1)?;
-        let drift = drift.points::<ERRORS>("drift", 1)?;
+        let mean = with_deviation(mean.points("mean", 1)?);
+        let sigma = with_deviation(sigma.points("sigma", 1)?);
+        let drift = with_deviation(drift.points("drift", 1)?);
         same_length(radars.len(), &[slant.len(), mean.len(), sigma.len(), drift.len()])?;
         Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
     /// Starts with known errors (K, 4) and their covariance (4 K, 4 K).
     fn know(&mut self, errors: Input<'_>, covariance: Input<'_>) -> PyResult<()> {
-        let errors = errors.points::<ERRORS>("errors", 1)?;
+        let errors = with_deviation(errors.points("errors", 1)?);
         let covariance = covariance.numbers("covariance")?;
-        let (radars, order) = (self.0.held().len(), ERRORS * errors.len());
+        let (radars, order) = (self.0.held().len(), KINDS * errors.len());
         same_length(radars, &[errors.len()])?;
         same_length(order * order, &[covariance.len()])?;
         self.0.know(&errors, &covariance);
@@ -126,8 +126,8 @@ impl Registrar {
         let (errors, sigmas, noise) = (self.0.errors(), self.0.sigmas(), self.0.noise());
         let k = errors.len();
         Ok([
-            array(py, &[k, ERRORS], errors.into_flattened())?,
-            array(py, &[k, ERRORS], sigmas.into_flattened())?,
+            array(py, &[k, KINDS], without_deviation(&errors))?,
+            array(py, &[k, KINDS], without_deviation(&sigmas))?,
             array(py, &[k, 2], noise.into_flattened())?,
         ])
     }
@@ -139,7 +139,7 @@ impl Registrar {
 
     /// Clock errors by which plots are corrected, (K,).
     fn clocks<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let clocks: Vec<f64> = self.0.taken_out().iter().map(|errors| errors[ERRORS - 1]).collect();
+        let clocks: Vec<f64> = self.0.taken_out().iter().map(|errors| errors[KINDS - 1]).collect();
         array(py, &[clocks.len()], clocks)
     }
 

@@ -386,7 +386,7 @@ fn columns_of(sightings: &[Sighting], unknowns: &Unknowns) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::super::sighting::tests::{PRIOR, close, radar};
-    use super::super::sighting::{Errors, Report};
+    use super::super::sighting::{KINDS, Report};
     use super::*;
 
     /// Seven plots of two radars.
@@ -404,7 +404,7 @@ mod tests {
             })
             .collect();
         let unknown = |k: usize| -> [Option<(usize, f64)>; ERRORS] {
-            std::array::from_fn(|j| Some((ERRORS * k + j, PRIOR[j])))
+            std::array::from_fn(|j| (j < KINDS).then_some((KINDS * k + j, PRIOR[j])))
         };
         let velocity = Vector2::new(180.0, 90.0);
         let unknowns = vec![unknown(0), unknown(1)];
@@ -450,10 +450,9 @@ mod tests {
     fn the_errors_that_follow() {
         let block = block();
         let (step, misfit) = block.fit(&mut Known::new(&DMatrix::identity(8, 8))).unwrap();
-        let expected: Errors =
-            [-25.95962987554, -3.324860671941e-5, -9.948045549001e-4, 0.01252980932538];
-        for j in 0..ERRORS {
-            close(step[j] * PRIOR[j], expected[j]);
+        let expected = [-25.95962987554, -3.324860671941e-5, -9.948045549001e-4, 0.01252980932538];
+        for (j, expected) in expected.into_iter().enumerate() {
+            close(step[j] * PRIOR[j], expected);
         }
         // the errors of the clocks are opposite
         close(step[3], -step[7]);

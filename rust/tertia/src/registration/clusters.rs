@@ -5,6 +5,10 @@
 //! their information states. As in cluster-robust standard errors (Liang & Zeger, Biometrika 73, 1986), with
 //! targets as clusters, the ratio of the sums of squares is the factor by which the covariance is too small. It
 //! is used if it is significant.
+//!
+//! If azimuth errors differ between directions, their mean may be well known, but those at a target are not.
+//! The variance of their differences follows from the squares of scores, as in random-effects models (DerSimonian
+//! & Laird, Controlled Clinical Trials 7, 1986).
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -15,6 +19,10 @@ const MEMORY: f64 = 600.0;
 /// Standard deviations by which scores must exceed what is expected, and the least expected sum.
 const SURE: f64 = 4.0;
 const ENOUGH: f64 = 0.5;
+/// Standard deviations by which scores must differ between targets, and number of improvements of the variance
+/// between them.
+const DIFFERENT: f64 = 3.0;
+const ROUNDS: usize = 6;
 
 /// What a block of plots of a target says about the errors in some columns.
 #[derive(Clone, Debug)]
@@ -24,6 +32,8 @@ pub(super) struct Part {
     pub information: DMatrix<f64>,
     /// Score about the errors that were removed before.
     pub score: DVector<f64>,
+    /// Columns of azimuth errors, and their prior sigmas, rad.
+    pub azimuths: Vec<(usize, f64)>,
 }
 
 /// Sums over the blocks of a target.
@@ -34,6 +44,9 @@ struct Cluster {
     information: DMatrix<f64>,
     /// Scores about the errors as they were estimated with each block.
     score: DVector<f64>,
+    /// Change of the scores by a unit of each error, if it lasts.
+    slope: DMatrix<f64>,
+    azimuths: BTreeMap<usize, f64>,
 }
 
 /// Sums over the blocks of each target.
@@ -76,12 +89,76 @@ impl Clusters {
         let is_sure = found > expected + SURE * variance.sqrt();
         (expected > ENOUGH).then(|| if is_sure { found / expected } else { 1.0 })
     }
+
+    /// Variances, in units of the prior, by which azimuth errors differ between targets, one for each error: 0
+    /// unless significant. `covariance` is that of the errors. Cost O(n q³).
+    pub fn apart(&self, covariance: &DMatrix<f64>) -> DVector<f64> {
+        let mut found = DVector::zeros(covariance.nrows());
+        let azimuths = self.0.values().flat_map(|own| &own.azimuths);
+        let variance = variance(self.0.values().filter_map(|own| own.scatter(covariance)));
+        for (&column, sigma) in azimuths {
+            found[column] = variance / (sigma * sigma);
+        }
+        found
+    }
+}
+
+/// Squares of scores of azimuth errors beyond what is expected, their increase by the variance between targets,
+/// and their standard deviation over the root of two without it.
+struct Scatter {
+    excess: f64,
+    slope: f64,
+    spread: f64,
+}
+
+/// Variance between targets, rad²; 0 unless it is significant.
+fn variance(targets: impl Iterator<Item = Scatter>) -> f64 {
+    let targets: Vec<Scatter> = targets.collect();
+    let estimate = |before: f64| {
+        let (mut sum, mut slopes, mut noise) = (0.0, 0.0, 0.0);
+        for Scatter { excess, slope, spread } in &targets {
+            let sigma = spread + before * slope;
+            let weight = slope / (sigma * sigma);
+            sum += weight * excess;
+            slopes += weight * slope;
+            noise += 2.0 * (weight * spread).powi(2);
+        }
+        (sum, slopes, noise)
+    };
+    let (sum, slopes, noise) = estimate(0.0);
+    if !(sum > DIFFERENT * noise.sqrt()) {
+        return 0.0;
+    }
+    (0..ROUNDS).fold(sum / slopes, |before, _| {
+        let (sum, slopes, _) = estimate(before);
+        (sum / slopes).max(0.0)
+    })
 }
 
 impl Cluster {
     fn new(time: f64) -> Self {
-        let (columns, information) = (Vec::new(), DMatrix::zeros(0, 0));
-        Self { time, columns, information, score: DVector::zeros(0) }
+        let [information, slope] = [(); 2].map(|()| DMatrix::zeros(0, 0));
+        let (columns, score, azimuths) = (Vec::new(), DVector::zeros(0), BTreeMap::new());
+        Self { time, columns, information, score, slope, azimuths }
+    }
+
+    /// How far the azimuth errors of this target differ from those of all; none if no sensor has any.
+    fn scatter(&self, covariance: &DMatrix<f64>) -> Option<Scatter> {
+        let known = covariance.select_rows(&self.columns).select_columns(&self.columns);
+        // the errors are estimated from the same blocks
+        let expected = &self.information - &self.information * known * &self.information;
+        let own: Vec<(usize, f64)> = (self.azimuths.iter())
+            .filter_map(|(column, sigma)| Some((self.columns.binary_search(column).ok()?, *sigma)))
+            .collect();
+        let (mut excess, mut slope, mut spread) = (0.0, 0.0, 0.0);
+        for &(i, a) in &own {
+            excess += (self.score[i] * self.score[i] - expected[(i, i)]) / (a * a);
+            for &(j, b) in &own {
+                slope += (self.slope[(i, j)] / (a * b)).powi(2);
+                spread += (expected[(i, j)] / (a * b)).powi(2);
+            }
+        }
+        (spread > 0.0).then(|| Scatter { excess, slope, spread: spread.sqrt() })
     }
 
     fn add(&mut self, part: &Part, step: &DVector<f64>, time: f64) {
@@ -90,18 +167,23 @@ impl Cluster {
         self.score *= kept;
         // the variance of a weighted sum of scores
         self.information *= kept * kept;
+        self.slope *= kept;
+        self.azimuths.extend(part.azimuths.iter().copied());
         self.cover(&part.columns);
         // all columns are there
         let place = |column: &usize| self.columns.partition_point(|own| own < column);
         let places: Vec<usize> = part.columns.iter().map(place).collect();
-        let (order, own) = (self.columns.len(), self.information.as_mut_slice());
+        let order = self.columns.len();
+        let (own, slope) = (self.information.as_mut_slice(), self.slope.as_mut_slice());
         let blocks = part.information.as_slice().chunks_exact(places.len().max(1));
         let steps: Vec<f64> = part.columns.iter().map(|&column| step[column]).collect();
         for ((&place, score), from) in places.iter().zip(part.score.iter()).zip(blocks) {
-            let to = &mut own[place * order..][..order];
+            let column = place * order..(place + 1) * order;
+            let (to, slope) = (&mut own[column.clone()], &mut slope[column]);
             let mut moved = 0.0;
             for ((&row, value), step) in places.iter().zip(from).zip(&steps) {
                 to[row] += value;
+                slope[row] += value;
                 moved += value * step;
             }
             // a row of the symmetric information is its column
@@ -114,8 +196,10 @@ impl Cluster {
         for &column in columns {
             if let Err(place) = self.columns.binary_search(&column) {
                 self.columns.insert(place, column);
-                let information = std::mem::replace(&mut self.information, DMatrix::zeros(0, 0));
-                self.information = information.insert_row(place, 0.0).insert_column(place, 0.0);
+                for own in [&mut self.information, &mut self.slope] {
+                    let before = std::mem::replace(own, DMatrix::zeros(0, 0));
+                    *own = before.insert_row(place, 0.0).insert_column(place, 0.0);
+                }
                 let score = std::mem::replace(&mut self.score, DVector::zeros(0));
                 self.score = score.insert_row(place, 0.0);
             }
@@ -143,6 +227,7 @@ mod tests {
                 columns: vec![0],
                 information: DMatrix::from_element(1, 1, 1.0),
                 score: DVector::from_element(1, *score),
+                azimuths: vec![(0, 0.005)],
             };
             let parts: Vec<Part> = (0..).zip(&scores).map(part).collect();
             clusters.add(&parts, &step, f64::from(k));
@@ -159,5 +244,37 @@ mod tests {
         // (1 + r) / (1 − r) = 9 for a correlation r of 0.8
         let found = (1..9).map(|seed| excess(seed, 0.8)).sum::<f64>() / 8.0;
         assert!((7.5..10.5).contains(&found), "{found}");
+    }
+
+    /// Variance between 40 targets whose azimuth errors have this standard deviation, in units of the prior.
+    fn apart(seed: u64, sigma: f64) -> f64 {
+        let (mut random, mut clusters) = (Random::new(seed), Clusters::default());
+        let mut normal = || (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
+        let own: Vec<f64> = (0..40).map(|_| sigma * normal()).collect();
+        for time in 0..50 {
+            for (target, error) in (0..).zip(&own) {
+                clusters.add(
+                    &[Part {
+                        target,
+                        columns: vec![1],
+                        information: DMatrix::from_element(1, 1, 4.0),
+                        score: DVector::from_element(1, 4.0 * error + 2.0 * normal()),
+                        azimuths: vec![(1, 0.002)],
+                    }],
+                    &DVector::zeros(2),
+                    f64::from(time),
+                );
+            }
+        }
+        let found = clusters.apart(&DMatrix::from_diagonal_element(2, 2, 1.0 / 8000.0));
+        assert_eq!(found[0], 0.0);
+        found[1]
+    }
+
+    #[test]
+    fn differences_between_targets_are_found() {
+        assert!((1..9).filter(|&seed| apart(seed, 0.0) == 0.0).count() >= 7);
+        let found = (1..9).map(|seed| apart(seed, 0.5)).sum::<f64>() / 8.0;
+        assert!((0.2..0.3).contains(&found), "{found}");
     }
 }

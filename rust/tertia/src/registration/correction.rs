@@ -1,7 +1,7 @@
 //! Correction of tracks for the errors and the noise that were found.
 
 use super::common::Common;
-use super::sighting::Errors;
+use super::sighting::{Errors, azimuth_of};
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
 /// Removes the `errors` (M, K) of the radars at these positions from the states. Scales the covariances along
@@ -26,7 +26,8 @@ pub fn correct(
         let distance = offset.norm().max(1.0);
         let along = offset / distance;
         let across = Vector2::new(along[1], -along[0]);
-        let [offset, gain, azimuth, clock] = *errors;
+        let [offset, gain, _, clock, ..] = *errors;
+        let azimuth = azimuth_of(errors, along.into());
         let shift = (offset + gain * distance) * along + azimuth * distance * across;
         state[0] += clock * state[2] - shift[0];
         state[1] += clock * state[3] - shift[1];

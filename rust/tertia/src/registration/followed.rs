@@ -2,7 +2,7 @@
 //! its covariance.
 
 use super::settled::{self, Gain, Settled, restrain};
-use super::sighting::{ERRORS, Errors, Sighting};
+use super::sighting::{ERRORS, Errors, KINDS, Sighting};
 use crate::base::plane::Plane;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ const STEADY: f64 = 1.0;
 
 /// Change of position and velocity by each error of one radar, with errors in units of the prior; or the
 /// covariance of the errors of two radars.
-type Part = [[f64; 4]; ERRORS];
+type Part = [[f64; 4]; KINDS];
 
 /// A track after its last row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,7 +46,7 @@ pub(super) struct Blocks {
 
 impl Blocks {
     /// Arranges a covariance in which error `error` of radar `radar` has the column `columns[radar][error]`.
-    pub fn new(covariance: &DMatrix<f64>, columns: &[[Option<usize>; ERRORS]]) -> Self {
+    pub fn new(covariance: &DMatrix<f64>, columns: &[[Option<usize>; KINDS]]) -> Self {
         let radars = columns.len();
         let of = |row: Option<usize>, column: Option<usize>| match (row, column) {
             (Some(row), Some(column)) => covariance[(row, column)],
@@ -259,11 +259,11 @@ impl Followed {
     /// Updates the effects of the errors after a plot of a radar was used with this gain. A unit of each
     /// error of the radar moves the plot by `own`.
     #[inline(always)]
-    pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; ERRORS]) {
+    pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; KINDS]) {
         self.part(radar);
         for (k, _, part) in &mut self.parts {
-            let seen = if *k == radar { own } else { &[[0.0; 2]; ERRORS] };
-            for j in 0..ERRORS {
+            let seen = if *k == radar { own } else { &[[0.0; 2]; KINDS] };
+            for j in 0..KINDS {
                 let row = &mut part[j];
                 let (a, b) = (seen[j][0] - row[0], seen[j][1] - row[1]);
                 for i in 0..4 {
@@ -319,7 +319,7 @@ impl Followed {
         let mut sum = [[0.0; 4]; 4];
         for (n, (k, _, part)) in self.parts.iter().enumerate() {
             // half of the diagonal block, and the whole of those above it
-            let mut product = [[0.0; 4]; ERRORS];
+            let mut product = [[0.0; 4]; KINDS];
             add_product(&mut product, errors.of(*k, *k), part);
             product.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
             for (other, _, second) in &self.parts[n + 1..] {
@@ -358,7 +358,7 @@ impl Followed {
     fn part(&mut self, radar: usize) -> &mut (usize, f64, Part) {
         let at = self.parts.iter().position(|(k, ..)| *k == radar);
         let at = at.unwrap_or_else(|| {
-            self.parts.push((radar, f64::NEG_INFINITY, [[0.0; 4]; ERRORS]));
+            self.parts.push((radar, f64::NEG_INFINITY, [[0.0; 4]; KINDS]));
             self.parts.len() - 1
         });
         &mut self.parts[at]
@@ -419,11 +419,11 @@ fn displaced(
     seen: &Sighting,
     velocity: [f64; 2],
     unknowns: &[Option<(usize, f64)>; ERRORS],
-) -> [[f64; 2]; ERRORS] {
+) -> [[f64; 2]; KINDS] {
     let [u, v] = seen.axes;
-    let [along, across] = seen.design(velocity.into());
-    let mut moved = [[0.0; 2]; ERRORS];
-    for j in 0..ERRORS {
+    let [along, across] = seen.constant(velocity.into());
+    let mut moved = [[0.0; 2]; KINDS];
+    for j in 0..KINDS {
         if let Some((_, sigma)) = unknowns[j] {
             moved[j] = [
                 sigma * (u[0] * along[j] + v[0] * across[j]),
@@ -437,14 +437,14 @@ fn displaced(
 /// Adds the product `a b` to `sum`.
 #[inline(always)]
 fn add_product(sum: &mut Part, a: &Part, b: &Part) {
-    for i in 0..ERRORS {
+    for i in 0..KINDS {
         sum[i] = combined(sum[i], &a[i], b);
     }
 }
 
 /// Returns `sum + a b`, written so that compilers vectorise it.
 #[inline(always)]
-fn combined(sum: [f64; 4], a: &[f64; ERRORS], b: &Part) -> [f64; 4] {
+fn combined(sum: [f64; 4], a: &[f64; KINDS], b: &Part) -> [f64; 4] {
     let plus = |sum: [f64; 4], a: f64, b: &[f64; 4]| {
         [sum[0] + a * b[0], sum[1] + a * b[1], sum[2] + a * b[2], sum[3] + a * b[3]]
     };

@@ -13,7 +13,7 @@ use super::followed::{Blocks, Followed};
 use super::gaussian::Gaussian;
 use super::recording::{STATED, believed};
 use super::roster::Roster;
-use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
+use super::sighting::{CLOCK, ERRORS, Errors, KINDS, Report, Sighting};
 use super::targets::{TargetPlot, for_each, numbered, scans};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
@@ -88,7 +88,7 @@ pub struct Registrar {
 impl Registrar {
     /// Sets up a registrar of radars whose ranges may be `slant` if no height is known. `start` and `sigma`
     /// are the prior means and standard deviations of the errors, where a sigma of 0 means no error. Errors
-    /// drift back to the means at the rates `drift`, 1/s; 0: constant.
+    /// drift back to the means at the rates `drift`, 1/s; 0: constant. Deviations of azimuths are not estimated.
     ///
     /// # Panics
     /// If the lengths differ.
@@ -127,18 +127,19 @@ impl Registrar {
         }
     }
 
-    /// Starts from errors that are already known, with their covariance, (4 K, 4 K).
+    /// Starts from errors that are already known, with the covariance of those that are the same in all
+    /// directions, (4 K, 4 K).
     ///
     /// # Panics
     /// If the lengths differ.
     pub fn know(&mut self, errors: &[Errors], covariance: &[f64]) {
-        let order = ERRORS * self.radars.len();
+        let order = KINDS * self.radars.len();
         assert_eq!([errors.len(), covariance.len()], [self.radars.len(), order * order]);
         let unknowns = self.unknowns();
         for_each(&unknowns, |k, j, row, sigma| {
             self.known.mean[row] = (errors[k][j] - self.start[k][j]) / sigma;
             for_each(&unknowns, |l, i, column, other| {
-                let place = order * (ERRORS * k + j) + ERRORS * l + i;
+                let place = order * (KINDS * k + j) + KINDS * l + i;
                 self.known.covariance[(row, column)] = covariance[place] / (sigma * other);
             });
         });
@@ -193,12 +194,12 @@ impl Registrar {
     /// Returns the covariance of the errors, radar after radar, allowing for errors that are larger than
     /// their prior says.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
-        let order = ERRORS * self.radars.len();
+        let order = KINDS * self.radars.len();
         let (relaxed, mut all) = (self.relaxed(), DMatrix::zeros(order, order));
         let unknowns = self.unknowns();
         for_each(&unknowns, |k, j, row, sigma| {
             for_each(&unknowns, |l, i, column, other| {
-                let place = (ERRORS * k + j, ERRORS * l + i);
+                let place = (KINDS * k + j, KINDS * l + i);
                 all[place] = relaxed[(row, column)] * sigma * other;
             });
         });
@@ -248,7 +249,7 @@ impl Registrar {
     /// be tracked: the estimated noise, with the uncertainty of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
         let sigmas = self.roots(&self.known.covariance);
-        let one = |(k, [offset, gain, azimuth, clock]): (usize, Errors)| {
+        let one = |(k, [offset, gain, azimuth, clock, ..]): (usize, Errors)| {
             let late = 0.5 * (SPEED * clock).powi(2);
             let [range, angle] = self.own_noise(k);
             let unknown = offset.hypot(FAR * gain).powi(2) + late;
@@ -269,10 +270,11 @@ impl Registrar {
         let sigmas = self.roots(&self.known.covariance);
         assert_eq!(radars.len(), sigmas.len());
         let own = sigmas.iter().zip(radars).filter(|(_, is_radar)| **is_radar);
-        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), ([offset, gain, azimuth, _], _)| {
-            let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
-            (sum + 0.5 * APART * place, count + 1.0)
-        });
+        let (sum, count) =
+            own.fold((0.0, 0.0), |(sum, count), ([offset, gain, azimuth, ..], _)| {
+                let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
+                (sum + 0.5 * APART * place, count + 1.0)
+            });
         sum / f64::max(count, 1.0) / (SPEED * SPEED)
     }
 
@@ -395,8 +397,10 @@ impl Registrar {
     /// Arranges this covariance of the errors, in units of the prior, by radars.
     fn blocks(&self, covariance: &DMatrix<f64>) -> Blocks {
         let unknowns = self.unknowns();
-        let columns: Vec<_> =
-            unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
+        let columns: Vec<_> = unknowns
+            .iter()
+            .map(|own| std::array::from_fn(|j| own[j].map(|(column, _)| column)))
+            .collect();
         Blocks::new(covariance, &columns)
     }
 
@@ -427,7 +431,7 @@ impl Registrar {
         let suspects = suspects(self.tracks.all(), &self.radars, time);
         for (k, own) in unknowns.iter().enumerate().filter(|(k, _)| suspects[*k]) {
             let found = vote(self.tracks.all(), &self.loose, (k, &self.radars[k]), time);
-            let (Some(moved), [Some(range), _, Some(azimuth), _]) = (found, *own) else {
+            let (Some(moved), [Some(range), _, Some(azimuth), ..]) = (found, *own) else {
                 continue;
             };
             for ((column, sigma), moved) in [range, azimuth].into_iter().zip(moved) {

@@ -52,8 +52,8 @@ pub(super) fn hide(
 
 #[cfg(test)]
 mod tests {
-    use super::super::sighting::Report;
     use super::super::sighting::tests::radar;
+    use super::super::sighting::{ERRORS, Report};
     use super::*;
 
     /// Two plots by radars this far apart, 50 km from a target, with these priors of the range errors.
@@ -66,7 +66,7 @@ mod tests {
             let plot = Report { radar: k, time, range, azimuth, height, place };
             Sighting::new(&plot, f64::NAN, &radars[k], [1.0; 2]).unwrap()
         };
-        let mut unknowns: Unknowns = vec![[None; 4]; 2];
+        let mut unknowns: Unknowns = vec![[None; ERRORS]; 2];
         let mut columns = Vec::new();
         for (k, prior) in priors.into_iter().enumerate() {
             unknowns[k][2] = Some((2 * k + 1, 1e-3));

@@ -5,7 +5,7 @@ use super::clusters::Clusters;
 use super::gaussian::{excess, scaled};
 use super::history::{Course, History, Said};
 use super::noise::stretch_of;
-use super::sighting::{ERRORS, Errors};
+use super::sighting::{AZIMUTH, ERRORS, Errors, KINDS};
 use super::sums::Sums;
 use super::targets::{TargetPlot, Ways, for_each, numbered, scans};
 use crate::base::interrupt::poll;
@@ -15,6 +15,9 @@ use nalgebra::{DMatrix, DVector};
 /// Number of redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
+/// Least standard deviations of the coefficients of a deviation of the azimuth, if there is one, rad; those of
+/// twice the azimuth are half as large.
+const DEVIATION: f64 = 1e-3;
 /// Sudden changes that the first round allows for, in standard deviations of the prior.
 const FIRST: f64 = 10.0;
 
@@ -25,7 +28,7 @@ pub struct Registered {
     pub errors: Vec<Vec<Errors>>,
     /// Standard deviations of the errors.
     pub sigmas: Vec<Vec<Errors>>,
-    /// Covariance of the errors of the last period, (4 K, 4 K).
+    /// Covariance of the errors of the last period, (8 K, 8 K).
     pub covariance: DMatrix<f64>,
     /// First period after each sudden change, in order of time, and the radar.
     pub changes: Vec<(usize, usize)>,
@@ -33,6 +36,8 @@ pub struct Registered {
     pub factor: Vec<[f64; 2]>,
     /// Number of redundant measurements from which these factors are estimated.
     pub redundancy: Vec<[f64; 2]>,
+    /// Variances by which errors of a radar differ between targets.
+    apart: Vec<Errors>,
     /// Number of blocks of several radars that were used, and of those that fit no motion.
     pub blocks: [usize; 2],
 }
@@ -57,8 +62,8 @@ pub struct Periods<'a> {
     pub start: &'a [Vec<Errors>],
 }
 
-/// Estimates the errors of radars from blocks of plots of one target. Ranges of a radar may be `slant` if no
-/// height is known. Errors that no block depends on keep their prior. If errors of one kind are clearly larger
+/// Estimates the errors of radars from blocks of plots of one target. If the azimuth errors of targets differ,
+/// deviations with the azimuth are estimated, too. Ranges of a radar may be `slant` if no height is known. Errors that no block depends on keep their prior. If errors of one kind are clearly larger
 /// than their prior, those that cannot be observed are so, too: the prior is as large as the errors found, and
 /// they are estimated again. Cost O(N log N + N K² + T K³) for N plots and T periods.
 ///
@@ -71,7 +76,12 @@ pub fn register(
     prior: Prior<'_>,
     periods: Periods<'_>,
 ) -> Registered {
-    let found = estimate(plots, (radars, slant), prior, periods, &[]);
+    let mut found = estimate(plots, (radars, slant), prior, periods, &[]);
+    let deviating = deviating(&found, prior);
+    let prior = Prior { sigma: deviating.as_deref().unwrap_or(prior.sigma), ..prior };
+    if deviating.is_some() {
+        found = estimate(plots, (radars, slant), prior, periods, &[]);
+    }
     match exceeded(&found, prior) {
         Some(sigma) => {
             let prior = Prior { sigma: &sigma, ..prior };
@@ -81,10 +91,21 @@ pub fn register(
     }
 }
 
+/// Returns standard deviations of the prior with those of deviations, if azimuth errors of targets differ.
+fn deviating(found: &Registered, prior: Prior<'_>) -> Option<Vec<Errors>> {
+    let mut sigma = prior.sigma.to_vec();
+    for (own, apart) in sigma.iter_mut().zip(&found.apart).filter(|(_, apart)| apart[AZIMUTH] > 0.0)
+    {
+        let first = DEVIATION.max(apart[AZIMUTH].sqrt());
+        own[KINDS..].copy_from_slice(&[first, first, 0.5 * first, 0.5 * first]);
+    }
+    (sigma != prior.sigma).then_some(sigma)
+}
+
 /// Returns standard deviations of the prior as large as the errors, if these are clearly larger.
 fn exceeded(found: &Registered, prior: Prior<'_>) -> Option<Vec<Errors>> {
     let mut sigma = prior.sigma.to_vec();
-    for j in 0..ERRORS {
+    for j in 0..KINDS {
         let mut factor: f64 = 1.0;
         for (errors, sigmas) in found.errors.iter().zip(&found.sigmas) {
             let (mut squares, mut expected) = (0.0, 0.0);
@@ -126,14 +147,16 @@ fn estimate(
     for _ in 0..ROUNDS {
         known.improve(&blocks, &ways, (&unknowns, prior.mean), &course);
     }
-    let Rounds { errors, covariances, changes, factor, sums, .. } = known;
+    let covariances = known.of_targets();
+    let Rounds { errors, changes, factor, sums, apart, .. } = known;
     let (redundancy, blocks) =
         sums.map_or_else(Default::default, |own| (own.redundancy, own.blocks));
     Registered {
         sigmas: covariances.iter().map(|own| sigmas(own, &unknowns)).collect(),
         covariance: spread(&covariances[errors.len() - 1], &unknowns),
         errors,
-        changes: apart(changes),
+        apart: variances(&DMatrix::from_diagonal(&apart), &unknowns),
+        changes: separate(changes),
         factor,
         redundancy,
         blocks,
@@ -149,6 +172,8 @@ struct Rounds {
     factor: Vec<[f64; 2]>,
     /// Factor by which blocks overstate what is known, as errors of targets last.
     excess: f64,
+    /// Variances by which errors differ between targets, in units of the prior.
+    apart: DVector<f64>,
     /// Sums of the last round; none before the first one.
     sums: Option<Sums>,
 }
@@ -164,6 +189,7 @@ impl Rounds {
             changes: Vec::new(),
             factor: vec![[1.0; 2]; radars],
             excess: 1.0,
+            apart: DVector::zeros(order),
             sums: None,
         }
     }
@@ -178,7 +204,8 @@ impl Rounds {
     ) {
         let (radars, order) = (ways.radars.len(), course.rates.len());
         let mut sums = vec![Sums::new(order, radars); self.errors.len()];
-        let mut known: Vec<Known<'_>> = self.covariances.iter().map(Known::new).collect();
+        let covariances = self.of_targets();
+        let mut known: Vec<Known<'_>> = covariances.iter().map(Known::new).collect();
         let noise: Vec<_> = self.factor.iter().map(|own| believed(*own, self.excess)).collect();
         let (mut clusters, still) = (Clusters::default(), DVector::zeros(order));
         for (t, block) in blocks {
@@ -214,11 +241,19 @@ impl Rounds {
         self.sums = Some(total);
     }
 
-    /// Compares the blocks of each target with what they state together.
+    /// Compares the blocks of each target with what they state together, and with those of other targets.
     fn widen(&mut self, clusters: &Clusters) {
         let mean = self.covariances.iter().sum::<DMatrix<f64>>() / self.covariances.len() as f64;
-        let excess = scaled(&mean, self.excess).and_then(|stated| clusters.excess(&stated));
-        self.excess = excess.unwrap_or(self.excess);
+        if let Some(stated) = scaled(&mean, self.excess) {
+            self.apart = clusters.apart(&stated);
+            self.excess = clusters.excess(&stated).unwrap_or(self.excess);
+        }
+    }
+
+    /// Returns the covariances of the errors at a target instead of their means over all targets.
+    fn of_targets(&self) -> Vec<DMatrix<f64>> {
+        let apart = DMatrix::from_diagonal(&self.apart);
+        self.covariances.iter().map(|own| own + &apart).collect()
     }
 }
 
@@ -264,7 +299,7 @@ fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
 
 /// Returns the changes in order of time. Changes of a radar in successive periods are a single change, which
 /// is in the middle of a period.
-fn apart(mut changes: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
+fn separate(mut changes: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
     changes.sort_unstable();
     let all = changes.clone();
     changes.retain(|(t, k)| !all.iter().any(|(other, own)| own == k && other + 1 == *t));
@@ -280,13 +315,18 @@ fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
     })
 }
 
-/// Returns the standard deviations of the errors of each radar.
-fn sigmas(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> Vec<Errors> {
+/// Returns the variances of the errors of each radar.
+fn variances(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> Vec<Errors> {
     let mut found = vec![[0.0; ERRORS]; unknowns.len()];
     for_each(unknowns, |k, j, column, sigma| {
-        found[k][j] = covariance[(column, column)].max(0.0).sqrt() * sigma;
+        found[k][j] = covariance[(column, column)].max(0.0) * sigma * sigma;
     });
     found
+}
+
+/// Returns their standard deviations.
+fn sigmas(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> Vec<Errors> {
+    variances(covariance, unknowns).into_iter().map(|own| own.map(f64::sqrt)).collect()
 }
 
 #[cfg(test)]

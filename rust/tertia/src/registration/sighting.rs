@@ -4,9 +4,13 @@ use crate::sensors::{HEIGHT_SIGMA, Radar};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-/// Number of systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
-pub const ERRORS: usize = 4;
-/// Index of the clock error.
+/// Number of systematic errors of a radar that are the same in all directions: offset of the range, gain of the
+/// range, azimuth, clock.
+pub const KINDS: usize = 4;
+/// Number of all errors: also the coefficients of the deviation of the azimuth.
+pub const ERRORS: usize = 8;
+/// Indices of the errors of azimuth and clock.
+pub(super) const AZIMUTH: usize = 2;
 pub(super) const CLOCK: usize = 3;
 
 /// Least variance of a position along an axis, relative to the mean of both axes.
@@ -18,8 +22,9 @@ const HIGHEST: f64 = 12_000.0;
 const STEEP: f64 = 0.7;
 
 /// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): the measurements are
-/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`. A sensor that reports positions has errors of
-/// east (m) and north (m) in place of offset and azimuth, and no gain.
+/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`. The azimuth error deviates from `α` by the sum of
+/// `sin θ, cos θ, sin 2θ, cos 2θ` times the other coefficients (rad). A sensor that reports positions has errors
+/// of east (m) and north (m) in place of offset and azimuth, and neither gain nor deviation.
 pub type Errors = [f64; ERRORS];
 
 /// A position that a sensor reports, and its covariance: variance east, covariance, variance north.
@@ -48,6 +53,17 @@ pub struct Report {
     pub place: Option<Place>,
 }
 
+/// Sine and cosine of an azimuth, and of twice the azimuth.
+fn harmonics([sine, cosine]: [f64; 2]) -> [f64; ERRORS - KINDS] {
+    [sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine]
+}
+
+/// Azimuth error in the direction with these sine and cosine, rad.
+pub(super) fn azimuth_of(errors: &Errors, direction: [f64; 2]) -> f64 {
+    let own = harmonics(direction).into_iter().zip(&errors[KINDS..]);
+    errors[AZIMUTH] + own.map(|(harmonic, coefficient)| harmonic * coefficient).sum::<f64>()
+}
+
 impl Report {
     /// Whether something was measured.
     pub fn is_seen(&self) -> bool {
@@ -61,7 +77,7 @@ impl Report {
 
     /// Returns the plot corrected for these errors.
     pub fn corrected(&self, errors: &Errors) -> Self {
-        let [offset, gain, azimuth, clock] = *errors;
+        let [offset, gain, azimuth, clock, ..] = *errors;
         let moved = |place: Place| Place {
             position: [place.position[0] - offset, place.position[1] - azimuth],
             ..place
@@ -70,7 +86,7 @@ impl Report {
             time: self.time - clock,
             place: self.place.map(moved),
             range: (self.range - offset) / (1.0 + gain),
-            azimuth: self.azimuth - azimuth,
+            azimuth: self.azimuth - azimuth_of(errors, self.azimuth.sin_cos().into()),
             ..*self
         }
     }
@@ -179,6 +195,22 @@ impl Sighting {
 
     /// Displacements of the plot along both axes by a unit of each error, for a target with this velocity.
     pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
+        let mut design = [[0.0; ERRORS]; 2];
+        for (own, constant) in design.iter_mut().zip(self.constant(velocity)) {
+            own[..KINDS].copy_from_slice(&constant);
+        }
+        if !self.is_placed {
+            let harmonics = harmonics(self.axes[0].into());
+            for (own, harmonic) in design[1][KINDS..].iter_mut().zip(harmonics) {
+                *own = self.ground * harmonic;
+            }
+        }
+        design
+    }
+
+    /// The same for the errors that are the same in all directions.
+    #[inline(always)]
+    pub fn constant(&self, velocity: Vector2<f64>) -> [[f64; KINDS]; 2] {
         let [a, b] = self.axes;
         let slope = self.range / self.ground;
         let [along, across] = [-a.dot(&velocity), -b.dot(&velocity)];
@@ -202,16 +234,18 @@ pub(super) mod tests {
         Radar { position, ..radar_of([range_sigma, azimuth_sigma_deg.to_radians()]) }
     }
 
-    pub const PRIOR: Errors = [100.0, 1.0 / 1852.0, 1.745_329_251_994_329_5e-3, 0.1];
+    pub const PRIOR: Errors =
+        [100.0, 1.0 / 1852.0, 1.745_329_251_994_329_5e-3, 0.1, 0.0, 0.0, 0.0, 0.0];
 
     #[test]
     fn errors_are_removed() {
         let (radar, time, range, azimuth, height) = (0, 100.0, 80150.0, 1.2, f64::NAN);
         let found = Report { radar, time, range, azimuth, height, place: None }
-            .corrected(&[150.0, 5e-4, 0.002, 0.1]);
+            .corrected(&[150.0, 5e-4, 0.002, 0.1, 1e-3, 2e-3, 3e-3, 4e-3]);
         close(found.time, 99.9);
         close(found.range, 79960.01999001);
-        close(found.azimuth, 1.198);
+        let deviation = 1e-3 * 1.2_f64.sin() + 2e-3 * 1.2_f64.cos();
+        close(found.azimuth, 1.198 - deviation - 3e-3 * 2.4_f64.sin() - 4e-3 * 2.4_f64.cos());
     }
 
     #[test]
@@ -233,6 +267,11 @@ pub(super) mod tests {
             for ((metres, prior), expected) in row.iter().zip(PRIOR).zip(expected) {
                 close(metres * prior, expected);
             }
+        }
+        let harmonics = [5.5_f64.sin(), 5.5_f64.cos(), 11_f64.sin(), 11_f64.cos()];
+        for (j, harmonic) in harmonics.into_iter().enumerate() {
+            assert_eq!(design[0][KINDS + j], 0.0);
+            close(design[1][KINDS + j], harmonic * design[1][AZIMUTH]);
         }
         assert!(Sighting::new(&plot, 51e3, &radar, [1.0; 2]).is_none());
     }
@@ -262,7 +301,7 @@ pub(super) mod tests {
         close(stated.sigma[0], 30.0);
         close(stated.sigma[1], 30.0);
         // its errors are those of east, north and clock
-        let errors = [120.0, 0.0, -50.0, 0.3];
+        let errors = [120.0, 0.0, -50.0, 0.3, 0.0, 0.0, 0.0, 0.0];
         let moved = report([500.0, 200.0, 300.0]).corrected(&errors);
         assert_eq!(moved.place.map(|place| place.position), Some([3880.0, -1950.0]));
         close(moved.time, -0.3);

@@ -5,11 +5,14 @@
 //! it leave possible. The chain with the largest odds against chance is chosen. Cost O(C² N) for C possible
 //! pairs of N targets; chains begin from 200 pairs at most.
 
-use super::sighting::{ERRORS, Errors};
+use super::sighting::KINDS;
 use crate::base::interrupt::poll;
 use crate::sensors::{Identities, Radar};
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector4};
 use std::f64::consts::TAU;
+
+/// Errors that are the same in all directions.
+type Errors = [f64; KINDS];
 
 /// Standard deviations of large errors, in units of those of the prior: offset, gain, azimuth, clock.
 const WIDE: Errors = [10.0, 1.0, 10.0, 10.0];
@@ -38,7 +41,7 @@ const FEWEST: usize = 3;
 const COMPLETE: f64 = 0.8;
 
 /// Number of errors of two radars.
-const BOTH: usize = 2 * ERRORS;
+const BOTH: usize = 2 * KINDS;
 type Design = SMatrix<f64, 2, BOTH>;
 
 /// A track of one radar at the instant.
@@ -100,7 +103,7 @@ struct Pair {
 pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     assert_eq!(prior.len(), radars.len());
     let pairs = associated(tracks, radars, prior);
-    let order = ERRORS * radars.len();
+    let order = KINDS * radars.len();
     let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));
     for pair in &pairs {
         let Some(inverse) = pair.spread.try_inverse() else { continue };
@@ -116,9 +119,9 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     let count = radars.len();
     let large = large(&information, &score, count);
     let (_, errors, variances) = evidence(&information, &score, &large);
-    let value = |k: usize, j: usize| errors[ERRORS * k + j] * prior[k][j];
+    let value = |k: usize, j: usize| errors[KINDS * k + j] * prior[k][j];
     let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
-    let known = |k: usize, j: usize| prior[k][j] * variances[ERRORS * k + j].sqrt();
+    let known = |k: usize, j: usize| prior[k][j] * variances[KINDS * k + j].sqrt();
     let of = |track: usize, k: usize| tracks[track].radar == k;
     let paired = |k| pairs.iter().filter(|pair| of(pair.first, k) || of(pair.second, k)).count();
     Start {
@@ -153,7 +156,7 @@ fn evidence(
     large: &[bool],
 ) -> (f64, DVector<f64>, DVector<f64>) {
     let n = score.len();
-    let sigma = |i: usize| if large[i / ERRORS] { WIDE[i % ERRORS] } else { 1.0 };
+    let sigma = |i: usize| if large[i / KINDS] { WIDE[i % KINDS] } else { 1.0 };
     let u = DVector::from_fn(n, |i, _| sigma(i) * score[i]);
     let m = DMatrix::from_fn(n, n, |i, j| {
         f64::from(u8::from(i == j)) + sigma(i) * information[(i, j)] * sigma(j)
@@ -178,7 +181,7 @@ fn associated(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Vec<Pair>
         let own: Vec<usize> = of(k).collect();
         let density = (own.len() as f64 / area(tracks)).ln();
         let pairs = possible(tracks, &own, &targets, radars, prior);
-        let chain = best_chain(&pairs, density, ERRORS * radars.len());
+        let chain = best_chain(&pairs, density, KINDS * radars.len());
         targets.extend(own.iter().filter(|&&i| chain.iter().all(|pair| pair.first != i)));
         found.extend(chain);
     }
@@ -266,13 +269,12 @@ fn pair(
     let mut design = Design::zeros();
     for (side, sign, track) in [(0, 1.0, a), (1, -1.0, b)] {
         let columns = common.columns(&radars[track.radar], &prior[track.radar]);
-        design.view_mut((0, side * ERRORS), (2, ERRORS)).copy_from(&(sign * columns));
+        design.view_mut((0, side * KINDS), (2, KINDS)).copy_from(&(sign * columns));
     }
     let wide = SVector::<f64, BOTH>::from_fn(|i, _| wide(i));
     let total = spread + design * SMatrix::from_diagonal(&wide) * design.transpose();
     let bonus = if same.is_some() { IDENTITIES } else { 0.0 };
-    let at =
-        std::array::from_fn(|i| ERRORS * if i < ERRORS { a.radar } else { b.radar } + i % ERRORS);
+    let at = std::array::from_fn(|i| KINDS * if i < KINDS { a.radar } else { b.radar } + i % KINDS);
     let possible = form(&total, off)? <= POSITIONS;
     possible.then_some(Pair { first, second, off, spread, design, at, bonus })
 }
@@ -306,14 +308,14 @@ impl Common {
     }
 
     /// Displacement of a track of this target by errors of one standard deviation.
-    fn columns(&self, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRORS> {
+    fn columns(&self, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, KINDS> {
         let offset = [0, 1].map(|axis| self.place[axis] - radar.position[axis]);
         let ground = offset[0].hypot(offset[1]).max(1.0);
         let up = if self.height.is_finite() { self.height - radar.position[2] } else { 0.0 };
         let range = ground.hypot(up);
         let [e, n] = offset.map(|side| side / ground);
         let slope = range / ground;
-        SMatrix::<f64, 2, ERRORS>::from_columns(&[
+        SMatrix::<f64, 2, KINDS>::from_columns(&[
             Vector2::new(e, n) * (slope * prior[0]),
             Vector2::new(e, n) * (slope * range * prior[1]),
             Vector2::new(n, -e) * (ground * prior[2]),
@@ -367,7 +369,7 @@ fn gain(pair: &Pair, mean: &DVector<f64>, spread: &DMatrix<f64>, density: f64) -
 
 /// Variance of a large error, in units of that of the prior.
 fn wide(error: usize) -> f64 {
-    WIDE[error % ERRORS].powi(2)
+    WIDE[error % KINDS].powi(2)
 }
 
 impl Pair {
@@ -387,8 +389,10 @@ impl Pair {
 #[cfg(test)]
 mod tests {
     use super::super::sighting::CLOCK;
-    use super::super::sighting::tests::{PRIOR, radar};
+    use super::super::sighting::tests::{self, radar};
     use super::*;
+
+    const PRIOR: Errors = [tests::PRIOR[0], tests::PRIOR[1], tests::PRIOR[2], tests::PRIOR[3]];
     use crate::base::interrupt::Flag;
     use std::panic::{AssertUnwindSafe, catch_unwind};
 

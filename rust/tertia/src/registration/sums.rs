@@ -4,7 +4,7 @@ use super::block::{Block, Known, Unknowns};
 use super::clusters::Part;
 use super::history::Said;
 use super::parallax::{common_range, hide};
-use super::sighting::{Errors, Sighting};
+use super::sighting::{AZIMUTH, Errors, Sighting};
 use super::targets::{TargetPlot, Ways, for_each};
 use crate::base::distribution::chi_square_upper;
 use nalgebra::{DMatrix, DVector};
@@ -140,8 +140,10 @@ impl Sums {
             }
         }
         if let Some(target) = target {
+            let azimuths = sightings.iter().filter(|one| !one.is_placed);
+            let azimuths = azimuths.filter_map(|one| unknowns[one.radar][AZIMUTH]).collect();
             let Block { columns, information, score, .. } = block;
-            self.parts.push(Part { target, columns, information, score });
+            self.parts.push(Part { target, columns, information, score, azimuths });
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Effect of the systematic errors of a radar on the states of its tracks.
 
-use crate::registration::{ERRORS, Errors};
+use crate::registration::{Errors, KINDS};
 use crate::sensors::Radar;
 use nalgebra::{Matrix4, Vector4};
 
@@ -64,7 +64,7 @@ pub(super) fn corrected(
     sensitivity: &Matrix4<f64>,
     errors: &Errors,
 ) -> Vector4<f64> {
-    state - sensitivity * Vector4::from(*errors)
+    state - sensitivity * Vector4::from_column_slice(&errors[..KINDS])
 }
 
-const _: () = assert!(ERRORS == 4);
+const _: () = assert!(KINDS == 4);

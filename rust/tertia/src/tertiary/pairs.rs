@@ -6,7 +6,7 @@ use super::near::{APART, FAR, Near, Sample, Spot, height_variance};
 use super::share::mapped;
 use crate::base::error::Result;
 use crate::base::scratch::Scratch;
-use crate::registration::{ERRORS, Errors};
+use crate::registration::{Errors, KINDS};
 use nalgebra::{DMatrix, Matrix4};
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
@@ -106,7 +106,7 @@ impl Known {
     pub fn new(errors: Vec<Errors>, covariance: &DMatrix<f64>) -> Self {
         let k = errors.len();
         let block = |a: usize, b: usize| {
-            covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+            covariance.fixed_view::<KINDS, KINDS>(KINDS * a, KINDS * b).into_owned()
         };
         let blocks = (0..k * k).map(|at| block(at / k, at % k)).collect();
         Self { errors, blocks }

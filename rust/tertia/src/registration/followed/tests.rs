@@ -92,7 +92,7 @@ fn a_track_moves_with_the_errors() {
     let mut track = Followed::new(0.0);
     let own = [[100.0, 0.0], [0.0, 50.0], [0.0; 2], [0.0; 2]];
     track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
-    let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0]];
+    let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0, 0.0, 0.0, 0.0, 0.0]];
     // the larger offset was part of the position
     assert_eq!(track.moved(&by), [-100.0, 25.0, -20.0, 5.0]);
 }
@@ -142,12 +142,12 @@ fn effects_of_errors_do_not_grow() {
 fn errors_of_radars_are_correlated() {
     // each on its own, the errors of two radars are large; their sum is small
     let (variance, correlation) = (0.25, -0.9);
-    let mut covariance = DMatrix::from_diagonal_element(2 * ERRORS, 2 * ERRORS, variance);
-    for j in 0..ERRORS {
-        covariance[(j, ERRORS + j)] = correlation * variance;
-        covariance[(ERRORS + j, j)] = correlation * variance;
+    let mut covariance = DMatrix::from_diagonal_element(2 * KINDS, 2 * KINDS, variance);
+    for j in 0..KINDS {
+        covariance[(j, KINDS + j)] = correlation * variance;
+        covariance[(KINDS + j, j)] = correlation * variance;
     }
-    let columns = [0, ERRORS].map(|first| std::array::from_fn(|j| Some(first + j)));
+    let columns = [0, KINDS].map(|first| std::array::from_fn(|j| Some(first + j)));
     let mut track = Followed::new(0.0);
     let own = [[100.0, 0.0], [0.0, 50.0], [30.0, -60.0], [20.0, 10.0]];
     track.update(0, &[[1.0, 0.0, 0.2, 0.0], [0.0, 1.0, 0.0, 0.2]], &own);

@@ -15,7 +15,7 @@ fn plots(path: impl Fn(f64) -> [f64; 2], errors: &[Errors; 2]) -> Vec<TargetPlot
     let (radars, height) = (radars(), 9e3);
     let plot = |i: usize| {
         let (time, k) = (2.0 * i as f64, i % 2);
-        let ([x, y], [offset, gain, azimuth, _]) = (path(time), errors[k]);
+        let ([x, y], [offset, gain, azimuth, ..]) = (path(time), errors[k]);
         let own = radars[k].position;
         let (east, north, up) = (x - own[0], y - own[1], height - own[2]);
         let range = (1.0 + gain) * east.hypot(north).hypot(up) + offset;
@@ -104,8 +104,8 @@ fn a_block_that_is_refused_says_nothing() {
 
 #[test]
 fn what_uncertain_errors_explain_is_no_misfit() {
-    let [offset, _, azimuth, _] = PRIOR;
-    let off = [3.0 * offset, 0.0, 3.0 * azimuth, 0.0];
+    let mut off = [0.0; ERRORS];
+    [off[0], off[AZIMUTH]] = [3.0 * PRIOR[0], 3.0 * PRIOR[AZIMUTH]];
     let plots = plots(straight, &[[0.0; ERRORS], off]);
     assert_eq!(summed(&plots, 1.0).blocks, [1, 0]);
     assert_eq!(summed(&plots, 1e-3).blocks, [0, 1]);
@@ -116,7 +116,9 @@ fn what_uncertain_errors_explain_is_no_misfit() {
 #[test]
 fn unknown_heights_are_no_errors_of_ranges() {
     let azimuth = 1e-3;
-    let mut plots = plots(straight, &[[0.0; ERRORS], [0.0, 0.0, azimuth, 0.0]]);
+    let mut errors = NONE;
+    errors[1][AZIMUTH] = azimuth;
+    let mut plots = plots(straight, &errors);
     for plot in &mut plots {
         plot.report.height = f64::NAN;
     }

@@ -1,0 +1,99 @@
+"""Azimuth errors that change with the azimuth: found, removed, and in the covariances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checks import in_region
+
+from tertia import simulate
+from tertia.registration import register
+from tertia.sensors import Bias, Radar
+from tertia.tracker import Plots, Tracker, smooth_tracks
+
+NUMBERS = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": 5.0, "degrees": True}
+RADARS = [Radar(place, **NUMBERS) for place in ([-30e3, 0.0], [30e3, 0.0], [0.0, 40e3])]
+# degrees, of sin a, cos a, sin 2a and cos 2a
+ONCE, TWICE = [0.1, -0.05, 0.0, 0.0], [0.0, 0.0, 0.08, 0.08]
+
+
+def scene(seed, *curves):
+    """Return aircraft and the plots of radars whose azimuth errors change along these curves."""
+    traffic = simulate.dense_traffic(
+        20, area=(120e3, 120e3), turning_share=0.3, duration=600.0, rng=[1, seed]
+    )
+    bias = Bias(range=np.zeros(len(curves)), deviation_order=2, deviation=curves, degrees=True)
+    record = simulate.radar_plots(traffic, RADARS[: len(curves)], bias=bias, rng=[2, seed])
+    return traffic, record
+
+
+@pytest.mark.parametrize("curve", [ONCE, TWICE])
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("seed", [4, 5])
+def test_smoothed_tracks_are_where_they_say(curve, count, seed):
+    # with .27 to .80 inside, and errors of 40 to 140 m, where they were taken as constant
+    curves = [curve, *[[0.0] * 4] * (count - 1)]
+    traffic, record = scene(seed, *curves)
+    found = smooth_tracks(record.plots, RADARS[:count])
+    found = found[found.plot >= 0]
+    own = record.target[found.plot]
+    truth = traffic.at(np.maximum(own, 0), found.time)[0]
+    known = (own >= 0) & np.isfinite(truth).all(axis=1)
+    off, spread = (found.position - truth)[known], found.covariance[known, :2, :2]
+    assert np.mean(in_region(off, spread)) > 0.9
+    assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 45.0
+
+
+def test_deviations_are_those_of_the_radars():
+    curves = np.radians([ONCE, TWICE, [0.0] * 4])
+    _, record = scene(6, ONCE, TWICE, [0.0] * 4)
+    found = register(record.plots, RADARS)
+    assert found.bias.deviation_order == 2
+    assert found.covariance.shape == (24, 24)
+    sigma = np.sqrt(np.diag(found.covariance)).reshape(3, 8)
+    off = (found.bias.deviation - curves) / sigma[:, 4:]
+    assert np.max(np.abs(off)) < 3.5
+    assert np.max(sigma[:, 4:]) < np.radians(0.03)
+    # corrected plots have none
+    assert register(found.bias_history.correct(record.plots), RADARS).bias.deviation_order == 0
+
+
+def test_without_deviations_nothing_changes():
+    for seed in range(4):
+        _, record = scene(seed, *[[0.0] * 4] * 2)
+        found = register(record.plots, RADARS[:2])
+        assert found.bias.deviation_order == 0
+        assert found.covariance.shape == (8, 8)
+
+
+def test_a_tracker_begins_with_a_registration_that_has_deviations():
+    _, record = scene(7, ONCE, TWICE)
+    found = register(record.plots, RADARS[:2])
+    # a tracker does not remove them: azimuths are as uncertain as they are large
+    azimuth = np.array([one.bias.azimuth_sigma for one in found.sensors])
+    largest = np.sqrt(0.5 * np.sum(found.bias.deviation**2, axis=1))
+    assert np.all(azimuth > largest)
+    tracker = Tracker(RADARS[:2], registration=found)
+    first = record.plots.time < 60.0
+    assert np.isfinite(tracker.update(record.plots[first]).covariance).all()
+    assert np.all(tracker.bias.azimuth_sigma > 0.2 * largest)
+
+
+def test_biases_of_several_sensors_with_deviations(tmp_path):
+    both = Bias(azimuth=[1.0, 2.0], deviation_order=1, deviation=[[1, 0], [0, 2]], degrees=True)
+    assert both[1].deviation == pytest.approx(np.radians([0.0, 2.0]))
+    assert np.degrees(both[1].at(0.0)[0]) == pytest.approx(4.0)
+    plots = Plots([0.0, 1.0, 2.0], 1e4, np.radians([31.5, 4.0, 182.0]), sensor=[0, 1, 0])
+    corrected = np.degrees(both.correct(plots).azimuth)
+    single = [both[k].correct(plots[i : i + 1]).azimuth[0] for i, k in enumerate(plots.sensor)]
+    assert corrected == pytest.approx(np.degrees(single))
+    assert corrected[1] == pytest.approx(0.0, abs=1e-9)
+    both.save(tmp_path / "bias.json")
+    assert Bias.load(tmp_path / "bias.json").deviation == pytest.approx(both.deviation)
+    assert replace(both, azimuth=[0.0, 0.0]).deviation == pytest.approx(both.deviation)
+    for fields, message in (
+        ({"deviation": [1.0, 0.0]}, "deviation has shape"),
+        ({"deviation_covariance": np.eye(3)}, "deviation_covariance is for one"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Bias(azimuth=[0.0, 1.0], deviation_order=1, **fields)
