@@ -245,13 +245,19 @@ def noise() -> str:
     """Return RMSE, NEES and coverage of smoothed positions by how the noise is."""
     rows = []
     cases = ("white", "AR(.5)", "AR(.9)", "sigma × ½", "sigma × 2", "10 % outliers")
-    for case in (*cases, "30 % outliers", "run of 6 by 30 σ", "jump by 30 σ"):
+    moves = ("jump by 30 σ", "stay of 4 by 30 σ", "wanders by 3 σ")
+    for case in (*cases, "30 % outliers", "run of 6 by 30 σ", *moves):
         rng = generator(94, sum(case.encode()))
         truth = path(repetitions(RUNS), rng)
-        is_jump, is_run = case.startswith("jump"), case.startswith("run")
-        draw = Draw("white" if is_jump or is_run else case, rng)
-        if is_jump:
+        is_run = case.startswith("run")
+        draw = Draw("white" if is_run or case in moves else case, rng)
+        if case.startswith("jump"):
             truth[:, STEPS // 2 :] += 30
+        elif case.startswith("stay"):
+            truth[:, STEPS // 2 :, 0] += 30
+            truth[:, STEPS // 2 + 4 :, 1] += 30
+        elif case.startswith("wanders"):
+            truth += 3 * autoregressive(rng.standard_normal(truth.shape), 0.7)
         y = truth + np.swapaxes(draw((len(truth), 2, STEPS)), -1, -2)
         if is_run:
             y[:, STEPS // 2 : STEPS // 2 + 6] += 30

@@ -132,8 +132,9 @@ class SmoothedPositions(Result):
         Time by which the measured velocities lag behind the positions; 0 if the plots show no lag.
     diffusion : float or ndarray of shape (...)
         Intensity of the white velocity, in position² / time. If it is positive, the position is a
-        random walk, and the velocity is that of its drift. Its covariance then includes the
-        velocity about the drift: twice the diffusion over the median interval of the plots.
+        random walk, or wanders about a path, and the velocity is that of the drift. Its covariance
+        then includes the velocity about the drift: twice the diffusion over the median interval of
+        the plots.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.
@@ -417,9 +418,11 @@ def smooth(
     weighted by the likelihoods of the models; the spread between the results is part of the
     covariance. In one model the noise is white and larger than stated. In the others, a fraction of
     0.6 or 0.95 of its variance is that of a Gauss-Markov process with one of seven correlation
-    times. If velocities are measured, outliers are first searched for among the positions;
-    velocities that contradict the remaining positions are left out. The other velocities may be
-    less precise than stated or correlated in time, or may lag behind the positions.
+    times. Where such noise is likely and larger than stated, the process may as well be a motion
+    about the path with the noise as stated: these models are averaged, too. If velocities are
+    measured, outliers are first searched for among the positions; velocities that contradict the
+    remaining positions are left out. The other velocities may be less precise than stated or
+    correlated in time, or may lag behind the positions.
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the

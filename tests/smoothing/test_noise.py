@@ -359,7 +359,7 @@ def test_two_sensors_in_turn_without_systematic_errors():
     assert 0.92 < held < 0.98
 
 
-@pytest.mark.parametrize("length", [6, 12])
+@pytest.mark.parametrize("length", [5, 6, 12])
 def test_a_stay_between_two_moves(length):
     """A, B, C: the plots at B were taken for outliers between two jumps, and left out."""
     truth = np.zeros((10, 80, 2))
@@ -371,3 +371,54 @@ def test_a_stay_between_two_moves(length):
     assert rmse < 0.7
     assert inside > 0.9
     assert np.mean(found.outlier) < 0.01
+
+
+@pytest.mark.parametrize("length", [5, 8])
+def test_a_stay_and_a_return(length):
+    """A, B, A: the plots at B may be a fault or a stay, and the region said it was a fault."""
+    stay = np.zeros((20, 80, 2))
+    stay[:, 30 : 30 + length] = [60.0, 30.0]
+    found = smooth(stay + rng(35).standard_normal(stay.shape), 1.0)
+    for truth in (stay, np.zeros_like(stay)):
+        assert judged(found, truth)[1] > 0.9
+        error = found.position - truth
+        inverse = np.linalg.inv(found.position_covariance)
+        squares = np.einsum("...i,...ij,...j", error, inverse, error)
+        assert np.mean(squares[:, 30 : 30 + length] < 5.991) > 0.8
+
+
+def about_a_place(size, steps=100):
+    """Positions, and plots of them."""
+    truth = size * lasting((20, steps, 2), 0.7, 33)
+    return truth, truth + rng(34).standard_normal(truth.shape)
+
+
+@pytest.mark.parametrize(("size", "steps"), [(1.8, 100), (2.8, 100), (6.0, 100), (2.8, 600)])
+def test_positions_about_a_place(size, steps):
+    """The motion was taken for larger noise that lasts: 46 % inside, errors of twice the size."""
+    truth, y = about_a_place(size, steps)
+    rmse, inside = judged(smooth(y, 1.0), truth)
+    assert rmse < 1.4
+    assert inside > 0.9
+
+
+def test_larger_noise_that_lasts_or_a_motion_about_a_place():
+    """The same plots as in the test before, of a target that rests: both are included."""
+    wander, y = about_a_place(2.8)
+    assert judged(smooth(y, 1.0), np.zeros_like(wander))[1] > 0.75
+
+
+@pytest.mark.parametrize("q", [1e-12, 1e-9])
+def test_times_from_a_second_to_a_day_apart(q):
+    """After a gap, rounding left no digit of what was far more certain than the state before it."""
+    for seed in range(3):
+        gaps = 10 ** rng(50 + seed).uniform(0, np.log10(86_400), 13)
+        times = np.concatenate([[0.0], np.cumsum(gaps)])
+        y = rng(60 + seed).normal(size=(14, 1))
+        options = {"jerk": q, "correlation_time": 3600.0, "robust": False}
+        found = smooth(y, 1.0, time=times, **options)
+        prior = None, (SHARE, 3600.0)
+        mean, matrix, *_ = reference.smooth(y, np.ones((14, 1, 1)), times, q, *prior)
+        sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
+        np.testing.assert_allclose((found.mean - mean) / sigma, 0, atol=1e-4)
+        np.testing.assert_allclose(found.sigma[:, 0] / sigma[:, 0], 1, rtol=1e-6)

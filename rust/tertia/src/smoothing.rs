@@ -26,9 +26,11 @@ mod rows;
 mod search;
 mod seen;
 mod smoother;
+mod stays;
 mod stencil;
 mod track;
 mod unresolved;
+mod wandering;
 mod whitener;
 mod whitening;
 

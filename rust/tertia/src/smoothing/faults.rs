@@ -29,8 +29,8 @@ const ROUNDS: usize = 20;
 const LONG: usize = 4;
 /// Least number of plots before and after a jump; fewer are outliers.
 const FEW: usize = 3;
-/// Least number of plots between jumps.
-const APART: usize = 5;
+/// Largest number of plots that are too few between jumps.
+const APART: usize = 4;
 /// Two jumps with at most this share of the plots between them may be the ends of a run of outliers.
 const RUN: f64 = 0.2;
 

@@ -22,6 +22,8 @@ use start::{State, VAGUE, VAGUE_AFTER_ALL, near, prior, vague};
 /// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:
 /// the larger these are, the more digits are lost.
 const JUMP: [f64; 2] = [1e4, 10.0];
+/// Variance of an innovation, relative to that of the plot, from which on rounding is corrected.
+const STEEP: f64 = 1e6;
 /// Share of a variance that must remain; what is less is rounding.
 const LEAST_SHARE: f64 = 1e-11;
 /// Largest number of attempts, each of which starts near the result of the one before.
@@ -42,7 +44,7 @@ impl Fit {
     const NONE: Self = Self { squares: 0.0, logarithms: Logarithms::NONE, count: 0 };
 }
 
-/// State and covariance before the plot of an instant, and the update by the plot.
+/// State and covariance after the plot of an instant, and the update by the plot.
 #[derive(Clone, Debug)]
 struct Step<const M: usize, const N: usize> {
     x: [f64; N],
@@ -188,28 +190,39 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             std::array::from_fn(|c| std::array::from_fn(|r| f64::from(r == c)));
         self.steps.clear();
         self.answers.clear();
+        let mut unused = Fit::NONE;
         for k in 0..n {
             step.arrive(track, k, model, faults, &mut faded);
-            let mut after = step.clone();
-            let mut unused = Fit::NONE;
-            after.update(track, k, model, faults, &mut unused);
-            (step.ph, step.h, step.s, step.innovation) =
-                (after.ph, after.h, after.s, after.innovation);
+            step.update(track, k, model, faults, &mut unused);
             let t = track.times[k] - track.times[k.saturating_sub(1)];
             let phi = model.lasting.correlation(t);
+            let plot = (&step.ph, &step.h, &step.s);
             for column in &mut answer[..states] {
                 motion::advance_row(d, column, t, 0.5 * t * t);
                 column[states..].iter_mut().for_each(|noise| *noise *= phi);
+                diffuse::update(column, plot);
             }
             self.answers.push(answer);
-            let plot = (&step.ph, &step.h, &step.s);
-            answer[..states].iter_mut().for_each(|column| diffuse::update(column, plot));
-            self.steps.push(std::mem::replace(&mut step, after));
+            self.steps.push(step.clone());
         }
         let mut is_well = true;
         let (mut l, mut big) = ([0.0; N], [[0.0; N]; N]);
         for k in (0..n).rev() {
+            // from the state after the plot: that before it may be many times less certain
             let step = &self.steps[k];
+            let mean = &mut out.mean[k * states..][..states];
+            let rows = step.with_wandering(model.wandering);
+            for i in 0..states {
+                let away = if i < d { model.wandering * step.x[states + i] } else { 0.0 };
+                mean[i] = step.x[i] + away + dot(&rows[i], &l);
+            }
+            track.add_trend(k, mean);
+            let covariance = &mut out.covariance[k * states * states..];
+            is_well &= smoothed_covariance(&rows, model.wandering, &big, covariance);
+            for answer in &mut self.answers[k][..states] {
+                diffuse::smooth(answer, &step.p, &big);
+                (0..d).for_each(|i| answer[i] += model.wandering * answer[states + i]);
+            }
             for i in (0..M).rev() {
                 step.back(i, &mut l, &mut big);
                 let s = step.s[i];
@@ -217,14 +230,6 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
                     if s > 0.0 { step.innovation[i] / s.sqrt() } else { f64::NAN };
             }
             out.jump[k] = explained(&l, &big);
-            let mean = &mut out.mean[k * states..][..states];
-            for i in 0..states {
-                mean[i] = step.x[i] + dot(&step.p[i], &l);
-            }
-            track.add_trend(k, mean);
-            let covariance = &mut out.covariance[k * states * states..];
-            is_well &= step.smoothed_covariance(&big, states, covariance);
-            self.answers[k][..states].iter_mut().for_each(|a| diffuse::smooth(a, &step.p, &big));
             if k > 0 {
                 let t = track.times[k] - track.times[k - 1];
                 back(t, model.lasting.correlation(t), &mut l, &mut big);
@@ -309,6 +314,9 @@ impl<const M: usize, const N: usize> Step<M, N> {
             h[..=i].copy_from_slice(&whitener[i * M..][..=i]);
             let (variance, share) = model.noise(Quantity::of(i, d));
             h[3 * d + i % d] = (share * variance).sqrt();
+            if i < d && model.wandering > 0.0 {
+                (0..=i).for_each(|j| h[3 * d + j] = model.wandering * h[j]);
+            }
             let mut late = 0.0;
             if i >= d && model.velocity_time_offset != 0.0 {
                 // a velocity that lags measures v - a lag
@@ -337,11 +345,31 @@ impl<const M: usize, const N: usize> Step<M, N> {
                     self.p[r][c] -= ph[r] * ph[c] * reciprocal;
                 }
             }
+            let own = (1.0 - share) * variance;
+            if s > STEEP * own {
+                self.correct(&h, &ph.map(|ph| ph * reciprocal), own);
+            }
             fit.squares += innovation * gain;
             // a variance lost to rounding leaves no likelihood
             fit.logarithms.add(if s > 0.0 { s } else { f64::NAN });
             fit.count += 1;
             (self.h[i], self.ph[i], self.s[i], self.innovation[i]) = (h, ph, s, innovation);
+        }
+    }
+
+    /// Completes `P − K H P` to `(I − K H) P (I − K H)' + K R K'` (Joseph): in exact arithmetic, nothing
+    /// changes; what rounding has left of a variance far above R vanishes.
+    #[cold]
+    fn correct(&mut self, h: &[f64; N], gain: &[f64; N], own: f64) {
+        let left = small::rotated(&self.p, h);
+        for r in 0..N {
+            small::add_multiple(&mut self.p[r], gain[r] * own - left[r], gain);
+        }
+        // the rows of what is measured are less precise than its columns
+        for r in 0..N {
+            for c in 0..r {
+                self.p[c][r] = self.p[r][c];
+            }
         }
     }
 
@@ -357,29 +385,52 @@ impl<const M: usize, const N: usize> Step<M, N> {
         for r in 0..N {
             l[r] += h[r] * along;
         }
+        // `(I − K H)' Λ (I − K H) + H' H / s`, from the left and then from the right: sums that cancel are formed
+        // twice
         let moved = small::product(big, &gain);
-        let square = dot(&moved, &gain) + reciprocal;
         for r in 0..N {
-            for c in 0..N {
-                big[r][c] += h[r] * h[c] * square - h[r] * moved[c] - moved[r] * h[c];
-            }
+            small::add_multiple(&mut big[r], -h[r], &moved);
+        }
+        let moved = small::rotated(big, &gain);
+        for r in 0..N {
+            small::add_multiple(&mut big[r], h[r] * reciprocal - moved[r], h);
         }
     }
 
-    /// `P − P Λ P` of the first components; returns whether rounding leaves enough of the variances.
-    fn smoothed_covariance(&self, big: &Square<N>, components: usize, out: &mut [f64]) -> bool {
-        let mut is_well = true;
-        for i in 0..components {
-            let shift = small::product(&self.p, &small::product(big, &self.p[i]));
-            for j in 0..=i {
-                let value = self.p[i][j] - shift[j];
-                out[i * components + j] = value;
-                out[j * components + i] = value;
+    /// Rows of `T P`, where T adds the wandering to the position.
+    fn with_wandering(&self, size: f64) -> Square<N> {
+        let (d, mut rows) = (N / 4, self.p);
+        if size > 0.0 {
+            for i in 0..d {
+                (0..N).for_each(|c| rows[i][c] += size * self.p[3 * d + i][c]);
             }
-            is_well &= out[i * (components + 1)] > LEAST_SHARE * self.p[i][i];
         }
-        is_well
+        rows
     }
+}
+
+/// `T (P − P Λ P) T'` of the states, with the rows of `T P`; returns whether rounding leaves enough of the
+/// variances.
+fn smoothed_covariance<const N: usize>(
+    rows: &Square<N>,
+    wandering: f64,
+    big: &Square<N>,
+    out: &mut [f64],
+) -> bool {
+    let (d, mut is_well) = (N / 4, true);
+    let states = 3 * d;
+    for i in 0..states {
+        let seen = small::product(big, &rows[i]);
+        for j in 0..=i {
+            let away = if j < d { wandering * rows[i][states + j] } else { 0.0 };
+            let before = rows[i][j] + away;
+            let value = before - dot(&rows[j], &seen);
+            out[i * states + j] = value;
+            out[j * states + i] = value;
+            is_well &= i != j || value > LEAST_SHARE * before;
+        }
+    }
+    is_well
 }
 
 /// `F' λ` and `F' Λ F`

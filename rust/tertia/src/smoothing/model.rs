@@ -17,9 +17,9 @@ pub(super) struct LastingNoise {
 impl LastingNoise {
     pub const NONE: Self = Self { of: Quantity::Position, share: 0.0, time: 0.0 };
 
-    /// Correlation of the lasting part over a time.
+    /// Correlation of the lasting part over a time; 0 if there is none.
     pub fn correlation(&self, t: f64) -> f64 {
-        if self.share == 0.0 { 0.0 } else { (-t / self.time).exp() }
+        if self.time == 0.0 { 0.0 } else { (-t / self.time).exp() }
     }
 }
 
@@ -28,6 +28,9 @@ impl LastingNoise {
 pub(super) struct Model {
     pub motion: ProcessNoise,
     pub lasting: LastingNoise,
+    /// Standard deviation with which the position wanders about the path; then no noise lasts, and the
+    /// correlation time is that of this motion.
+    pub wandering: f64,
     /// Standard deviation of velocities relative to the stated one.
     pub velocity_factor: f64,
     /// Time by which velocities lag behind positions.
@@ -35,6 +38,15 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// The motion with the white velocity that moves the position like the wandering over short times.
+    pub fn whole_motion(&self) -> ProcessNoise {
+        let mut motion = self.motion;
+        if self.wandering > 0.0 {
+            motion.velocity += 2.0 * self.wandering.powi(2) / self.lasting.time;
+        }
+        motion
+    }
+
     /// Variance of a whitened number, and the share of it that lasts.
     #[inline(always)]
     pub fn noise(&self, quantity: Quantity) -> (f64, f64) {

@@ -16,8 +16,10 @@ use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Near, Scale, Search};
 use super::seen::Quantity;
 use super::smoother::{Workspace, likelihood, smooth};
+use super::stays::add_stays;
 use super::track::Track;
 use super::unresolved::add_unresolved;
+use super::wandering::add_wandering;
 
 /// Correlations of successive plots that are tried, and shares of the noise that are correlated.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
@@ -181,10 +183,11 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     if let Some(sensors) = interleaved {
         sensors.add_lasting_errors(track, &faults, out);
     }
+    add_stays(track, &faults, out);
     outlier.copy_from_slice(&faults.gross);
     let motion = match options.jerk {
         Some(jerk) => ProcessNoise::with_jerk(jerk),
-        None => best.model.motion.times(best.factor.powi(2)),
+        None => best.model.whole_motion().times(best.factor.powi(2)),
     };
     Some(NoiseFit {
         motion: ProcessNoiseFit { motion, ..*fit },
@@ -253,7 +256,10 @@ fn candidates<const M: usize, const N: usize>(
             }
         }
     }
-    let logs = found.iter().zip(&log_prior).map(|(one, prior)| one.value + prior).collect();
+    let mut logs = found.iter().zip(&log_prior).map(|(one, prior)| one.value + prior).collect();
+    if options.jerk.is_none() && !has_velocities {
+        add_wandering(search, faults, &mut found, &mut logs);
+    }
     (found, weights_of(logs))
 }
 
@@ -284,7 +290,7 @@ fn average<const M: usize, const S: usize, const N: usize>(
     let best = &candidates[most];
     let mut first = Found::default();
     search.engine.smooth(track, &best.model, faults, &mut first)?;
-    add_unresolved(track, best.model.motion, S, &mut first.covariance);
+    add_unresolved(track, best.model.whole_motion(), S, &mut first.covariance);
     let variance = best.factor.max(1.0).powi(2);
     first.covariance.iter_mut().for_each(|c| *c *= weights[most] * variance);
     let (mut found, mut shift) = (Found::default(), vec![0.0; first.mean.len()]);
@@ -294,7 +300,7 @@ fn average<const M: usize, const S: usize, const N: usize>(
             continue;
         }
         search.engine.smooth(track, &one.model, faults, &mut found)?;
-        add_unresolved(track, one.model.motion, S, &mut found.covariance);
+        add_unresolved(track, one.model.whole_motion(), S, &mut found.covariance);
         let variance = one.factor.max(1.0).powi(2);
         for k in 0..track.len() {
             let away: [f64; S] =

@@ -124,6 +124,7 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
             let model = Model {
                 motion: motion(log),
                 lasting,
+                wandering: 0.0,
                 velocity_factor: velocity_factor.exp(),
                 velocity_time_offset: unit * lag,
             };
@@ -136,25 +137,7 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let is_doubted = is_moving && matches!(scale, Scale::Prior | Scale::Larger);
         let searched = [self.jerk.is_none(), is_doubted, is_doubted];
         // the offset is a multiple of the last step, so that the search may return to the same models
-        let mut at = [0.0; 3];
-        let (mut best, mut step, mut steps) = (of(at), STEP, 0);
-        for _ in 0..=HALVINGS {
-            for axis in (0..3).filter(|&axis| searched[axis]) {
-                for direction in [step, -step] {
-                    while steps < MOST_STEPS && (axis > 0 || start[0] + at[0] + direction >= low) {
-                        let mut next = at;
-                        next[axis] += direction;
-                        let other = of(next);
-                        steps += 1;
-                        if other.value.is_nan() || other.value <= best.value {
-                            break;
-                        }
-                        (at, best) = (next, other);
-                    }
-                }
-            }
-            step *= 0.5;
-        }
+        let (mut at, mut best) = climb(searched, low - start[0], of);
         for doubt in 1..3 {
             let mut stated = at;
             stated[doubt] = -start[doubt];
@@ -164,6 +147,26 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
             }
         }
         best
+    }
+
+    /// Returns the likeliest model with the noise as stated in which the position wanders about a path: the
+    /// same process as in a model of larger, lasting noise, with the same correlation time.
+    pub fn wandering(&self, noise: &Candidate, faults: &Faults) -> Candidate {
+        let motion = Family::Jerk.of(self.track);
+        let lasting = LastingNoise { time: noise.model.lasting.time, ..LastingNoise::NONE };
+        let variance = noise.factor.powi(2);
+        let scales = self.track.position_scale().iter();
+        let sigma = scales.fold(f64::INFINITY, |least, scale| least.min(1.0 / scale));
+        let intensity = (noise.model.motion.jerk * variance).max(f64::MIN_POSITIVE).ln();
+        let size = 0.5 * (variance - 1.0).ln() + sigma.ln();
+        let of = |[more, larger, _]: [f64; 3]| {
+            let (motion, wandering) = (motion(intensity + more), (size + larger).exp());
+            let model = Model { motion, lasting, wandering, ..noise.model };
+            self.candidate(model, Scale::Stated, faults)
+        };
+        let mut found = climb([true, true, false], self.low - intensity, of).1;
+        found.value -= FACTOR_GAIN;
+        found
     }
 
     /// Whether the innovations of the likeliest path near this start are as expected if the noise is as
@@ -190,6 +193,7 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
             let model = Model {
                 motion: motion(log),
                 lasting,
+                wandering: 0.0,
                 velocity_factor: 1.0,
                 velocity_time_offset: 0.0,
             };
@@ -236,6 +240,35 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         };
         Candidate { model, factor: log_factor.exp(), value }
     }
+}
+
+/// Climbs from a start to the likeliest model along the axes that are searched, and returns the way there. The
+/// first axis is the logarithm of an intensity, which is at least `low` above that of the start.
+fn climb(
+    searched: [bool; 3],
+    low: f64,
+    of: impl Fn([f64; 3]) -> Candidate,
+) -> ([f64; 3], Candidate) {
+    let mut at = [0.0; 3];
+    let (mut best, mut step, mut steps) = (of(at), STEP, 0);
+    for _ in 0..=HALVINGS {
+        for axis in (0..3).filter(|&axis| searched[axis]) {
+            for direction in [step, -step] {
+                while steps < MOST_STEPS && (axis > 0 || at[0] + direction >= low) {
+                    let mut next = at;
+                    next[axis] += direction;
+                    let other = of(next);
+                    steps += 1;
+                    if other.value.is_nan() || other.value <= best.value {
+                        break;
+                    }
+                    (at, best) = (next, other);
+                }
+            }
+        }
+        step *= 0.5;
+    }
+    (at, best)
 }
 
 /// Logarithm of the prior of the differences of velocities from what is stated, given the logarithm of the
