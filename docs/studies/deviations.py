@@ -54,7 +54,7 @@ def deviations() -> str:
             times = ("", "once", "twice")[order] if amplitude else "-"
             rows.append(
                 [
-                    radars,
+                    f"{radars}",
                     f"{amplitude:g}°" if amplitude else "none",
                     times,
                     f"{np.mean(squares < INSIDE):.0%}",

@@ -244,7 +244,7 @@ def _systematic(
     estimated scan by scan, as they may change suddenly.
     """
     begin = start(alone, sensors)[0]
-    sigma, found = columns_of(begin, "_sigma"), values_of(begin)
+    sigma, found = columns_of(begin, "_sigma"), columns_of(begin)
     noise = _stated(sensors)
     joint = run(plots, sensors, registration=None) if joint is None else joint
     known = errors(plots, joint, sensors, sigma=sigma, start=found)

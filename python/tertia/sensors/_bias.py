@@ -326,7 +326,7 @@ class Bias(Result):
 
         azimuth = plots.azimuth - own("azimuth")
         if self.deviation_order > 0:
-            azimuth = self._without(plots)
+            azimuth = self._without_each(plots)
         position = plots.position
         if position is not None and (np.any(self.east) or np.any(self.north)):
             position = position - np.stack(np.broadcast_arrays(own("east"), own("north")), axis=-1)
@@ -338,16 +338,19 @@ class Bias(Result):
             azimuth=azimuth,
         )
 
-    def _without(self, plots: Any) -> FloatArray:
+    def _without_each(self, plots: Any) -> FloatArray:
+        """Return the azimuths of plots minus the biases of their sensors."""
+        azimuth: FloatArray = np.array(plots.azimuth, dtype=np.float64)
+        if np.ndim(self.range) == 0:
+            return self._without(azimuth)
+        for k in np.unique(plots.sensor):
+            own = plots.sensor == k
+            azimuth[own] = self[k]._without(azimuth[own])
+        return azimuth
+
+    def _without(self, measured: FloatArray) -> FloatArray:
         """Return measured azimuths minus the bias, which depends on the azimuth without it."""
-        measured: FloatArray = np.asarray(plots.azimuth, dtype=np.float64)
-        azimuth: FloatArray = measured.copy()
-        if np.ndim(self.range) > 0:
-            for k in np.unique(plots.sensor):
-                own = plots.sensor == k
-                azimuth[own] = self[k]._without(plots[own])
-            return azimuth
-        azimuth -= self.azimuth
+        azimuth = measured - self.azimuth
         for _ in range(_MOST_STEPS):
             last, azimuth = azimuth, measured - self.at(azimuth)[0]
             if not np.any(np.abs(azimuth - last) > _STILL):

@@ -96,6 +96,6 @@ def bias_with_deviation(value: FloatArray, sigma: FloatArray, placed: BoolArray)
 
 
 def padded(columns: FloatArray) -> FloatArray:
-    """Return errors (..., 4) or (..., 8) as errors (..., 8)."""
+    """Return errors (..., 4) as errors (..., 8) without deviations."""
     width = [(0, 0)] * (columns.ndim - 1) + [(0, _ERRORS - columns.shape[-1])]
     return np.pad(columns, width)

@@ -19,7 +19,6 @@ from tertia.tracker._biases import (
     columns_of,
     covariance_without_deviation,
     padded,
-    values_of,
     with_deviation_sigma,
 )
 from tertia.tracker._earth import in_plane
@@ -115,8 +114,8 @@ class Errors:
 
     @property
     def values(self) -> FloatArray:
-        """The errors of each period, (T, K, 8)."""
-        return np.stack([values_of(bias) for bias in self.history.bias])
+        """The errors of each period without deviations, (T, K, 4)."""
+        return np.stack([columns_of(bias) for bias in self.history.bias])
 
     def removed(self, plots: Plots, sensors: Sequence[_Sensor]) -> tuple[Plots, list[_Sensor]]:
         """Return plots without the errors, and sensors of which only the sigmas are left."""
@@ -149,8 +148,8 @@ def errors(
 ) -> Errors:
     """Return the errors that follow from the plots of the tracks.
 
-    `sigma` (K, 4) are the standard deviations of the prior distribution, and `start` (T, K, 8) or
-    (K, 8) are the errors with which the estimation begins. By default both are those of the
+    `sigma` (K, 4) are the standard deviations of the prior distribution, and `start` (T, K, 4) or
+    (K, 4) are the errors with which the estimation begins. By default both are those of the
     sensors, which are always the means of the prior distribution.
     """
     given = own_biases(sensors)
@@ -158,8 +157,8 @@ def errors(
     edges = equal_periods(plots.time, _SCANS * max(map(interval, sensors)), most)
     mean = columns_of(given)
     sigma = columns_of(given, "_sigma") if sigma is None else sigma
-    begin = padded(mean) if start is None else start
-    begin = np.broadcast_to(begin, (len(edges) - 1, *begin.shape[-2:]))
+    begin = mean if start is None else start
+    begin = padded(np.broadcast_to(begin, (len(edges) - 1, *mean.shape)))
     plots = plots._replaced(height=_heights(plots, tracks))
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = in_plane(plots, sensors)[tracks.plot[rows]]

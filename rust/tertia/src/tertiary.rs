@@ -2,14 +2,16 @@
 //! 1988). The tracks are extrapolated to one instant, corrected for the systematic errors of their sensors,
 //! compared in pairs, grouped into targets that keep their numbers, and fused.
 //!
-//! `row, gain <- tracklet; lasting <- filtered, target; row <- bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule;
-//! pairs, row <- target, shadow, filtered <- member <- centre`.
+//! `row <- family; row, gain, family <- tracklet; family <- source; lasting <- filtered, target; row <- bias;
+//! compare, near <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <- target;
+//! target, shadow, filtered, source <- member <- centre`.
 //!
 //! A cycle costs O(tracks) plus the cost of all pairs of tracks within 8 km; memory is O(tracks + pairs).
 
 mod bias;
 mod centre;
 mod compare;
+mod family;
 mod filtered;
 mod gain;
 mod groups;
@@ -21,6 +23,7 @@ mod row;
 mod rule;
 mod shadow;
 mod share;
+mod source;
 mod target;
 mod tracklet;
 

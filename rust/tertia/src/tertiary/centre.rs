@@ -9,6 +9,7 @@ use super::pairs::{Known, Manual, Pairs, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule};
 use super::share::{fill, mapped};
+use super::source::{Source, paced};
 use super::target::{Target, Tracklet};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::Result;
@@ -88,6 +89,8 @@ pub struct Centre {
     targets: Vec<Box<Target>>,
     pairs: Pairs,
     manual: Manual,
+    /// What is learnt of the trackers of the sensors.
+    sources: Vec<Source>,
     next: [u64; 2],
     #[serde(skip)]
     samples: Scratch<Vec<Sample>>,
@@ -102,13 +105,14 @@ impl Centre {
         let slant = vec![false; settings.radars.len()];
         Self {
             registrar: Registrar::new(settings.radars.clone(), slant, start, sigma, &drift),
-            settings,
             members: Vec::new(),
             waiting: Vec::new(),
             targets: Vec::new(),
             pairs: Pairs::default(),
             manual: Manual::default(),
+            sources: vec![Source::default(); settings.radars.len()],
             next: [1; 2],
+            settings,
             samples: Scratch::default(),
         }
     }
@@ -140,16 +144,17 @@ impl Centre {
         time: f64,
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<SystemTrack>> {
-        let radars = &self.settings.radars;
-        let Self { members, waiting, next, .. } = self;
-        take(members, waiting, &mut next[0], rows, time, radars, n_threads)?;
+        let stated = &self.settings.radars;
+        let Self { members, waiting, next, sources, .. } = self;
+        take(members, waiting, &mut next[0], rows, time, (stated, sources), n_threads)?;
+        let radars = paced(stated, sources);
         self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
         self.manual.forget(self.members.iter().map(|member| member.id));
         let known = Known::new(self.registrar.errors(), &self.registrar.covariance());
         let mut samples = std::mem::take(&mut self.samples.0);
-        let places = self.sample(&mut samples, time, &known, n_threads);
+        let places = self.sample(&mut samples, time, (&radars, &known), n_threads);
         let density = density(&samples);
         let candidates = self.pairs.look(&samples, &known, &self.manual, density, n_threads)?;
         let groups = grouped(&samples, &candidates, &self.order());
@@ -159,16 +164,16 @@ impl Centre {
         }
         self.pairs.remember(candidates, &group_of);
         let numbers = self.name(&groups, &places);
-        let radars = self.noisy();
+        let noisy = self.noisy(&radars);
         let learnt =
-            self.follow(&groups, &numbers, (&samples, &places), &radars, &known, n_threads)?;
+            self.follow(&groups, &numbers, (&samples, &places), &noisy, &known, n_threads)?;
         if self.settings.registers {
             self.learn(&learnt, time, n_threads)?;
         }
         let mut shown: Vec<_> = matched(self.targets.iter(), in_order(&numbers)).collect();
         shown.sort_unstable_by_key(|&(_, g)| g);
         let picture = mapped(shown.into_iter(), SHOWN_NS, n_threads, |(target, g)| {
-            self.shown(&groups[g], target, &samples, &places, time)
+            self.shown(&groups[g], target, (&samples, &places), &radars, time)
         });
         self.samples.0 = samples;
         picture
@@ -180,7 +185,7 @@ impl Centre {
         &self,
         samples: &mut Vec<Sample>,
         time: f64,
-        known: &Known,
+        (radars, known): (&[Radar], &Known),
         n_threads: Option<NonZero<usize>>,
     ) -> Vec<usize> {
         let mut live: Vec<_> = self
@@ -188,7 +193,7 @@ impl Centre {
             .iter()
             .enumerate()
             .filter(|(_, member)| {
-                let radar = &self.settings.radars[member.last.sensor];
+                let radar = &radars[member.last.sensor];
                 time - member.last.time <= OLD * radar.scan_period
             })
             .map(|(place, member)| (member.id, place))
@@ -197,7 +202,7 @@ impl Centre {
         let sample = |&(id, place): &(u64, usize)| {
             let member = &self.members[place];
             let row = &member.last;
-            let radar = &self.settings.radars[row.sensor];
+            let radar = &radars[row.sensor];
             let estimate = member.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
             let added = propagated(&sensitivity, known.block(row.sensor, row.sensor), &sensitivity);
@@ -322,22 +327,20 @@ impl Centre {
     }
 
     /// Returns the sensors with the estimated noise of their plots.
-    fn noisy(&self) -> Vec<Radar> {
-        let noise = self.registrar.noise();
-        let radars = self.settings.radars.iter().zip(noise);
-        radars
-            .map(|(radar, [range_sigma, azimuth_sigma])| Radar {
-                range_sigma,
-                azimuth_sigma,
-                ..radar.clone()
-            })
-            .collect()
+    fn noisy(&self, radars: &[Radar]) -> Vec<Radar> {
+        let all = radars.iter().zip(self.registrar.noise());
+        all.map(|(radar, [range_sigma, azimuth_sigma])| Radar {
+            range_sigma,
+            azimuth_sigma,
+            ..radar.clone()
+        })
+        .collect()
     }
 
     /// Returns the positions behind the tracks of a group.
-    fn positions(&self, group: &Group, places: &[usize]) -> Vec<Positions> {
+    fn positions(&self, group: &Group, places: &[usize], radars: &[Radar]) -> Vec<Positions> {
         let members = group.members.iter().map(|&i| &self.members[places[i]]);
-        members.map(|own| own.positions(&self.settings.radars[own.last.sensor])).collect()
+        members.map(|own| own.positions(&radars[own.last.sensor])).collect()
     }
 
     /// Whether several sensors see a target, or no other sensor should see it.
@@ -358,12 +361,12 @@ impl Centre {
         &self,
         group: &Group,
         target: &Target,
-        samples: &[Sample],
-        places: &[usize],
+        (samples, places): (&[Sample], &[usize]),
+        radars: &[Radar],
         time: f64,
     ) -> Result<SystemTrack> {
         let estimate = match self.settings.rule {
-            Rule::Tracklets => target.at(time, &self.positions(group, places)),
+            Rule::Tracklets => target.at(time, &self.positions(group, places, radars)),
             _ => None,
         };
         let estimate = match estimate {

@@ -4,7 +4,7 @@
 //! states. The ratio of these corrections is visible in the rows. In the steady state of a filter of nearly
 //! constant velocity, `β = 2 (2 − α) − 4 √(1 − α)` (Kalata 1984), and therefore with `r = β / α`
 //!
-//! `√(1 − α) = (2 − r) / (2 + r)`.
+//! `√(1 − α) = (2 − r) / (2 + r)`. In other filters, another damping takes the place of the 2.
 
 use serde::{Deserialize, Serialize};
 
@@ -67,12 +67,12 @@ impl Gain {
     /// Estimates α along each axis: the stated gain times a common factor or, if the rows come at other times
     /// than the plots and their covariances are therefore not those after a plot, the α from the ratio of
     /// corrections on each axis. Returns `None` if velocities change for other reasons than positions.
-    pub fn along(&self, stated: [f64; 2], is_periodic: bool) -> Option<[f64; 2]> {
+    pub fn along(&self, stated: [f64; 2], damping: f64, is_periodic: bool) -> Option<[f64; 2]> {
         let explained: f64 = self.0.iter().map(Sums::explained).sum();
         if explained < EXPLAINED * self.0.iter().map(|sums| sums.velocity).sum::<f64>() {
             return None;
         }
-        let own = self.0.map(|sums| sums.alpha());
+        let own = self.0.map(|sums| sums.alpha(damping));
         if is_periodic {
             return Some(own);
         }
@@ -90,9 +90,10 @@ impl Gain {
 
 impl Sums {
     /// α from the ratio of the corrections of velocity and position.
-    fn alpha(&self) -> f64 {
-        let ratio = (self.both + EXPECTED * ratio(USUAL)) / (self.position + EXPECTED);
-        let root = ((2.0 - ratio) / (2.0 + ratio)).max(0.0);
+    fn alpha(&self, damping: f64) -> f64 {
+        let usual = 0.5 * damping * ratio(USUAL);
+        let ratio = (self.both + EXPECTED * usual) / (self.position + EXPECTED);
+        let root = ((damping - ratio) / (damping + ratio)).max(0.0);
         limited(1.0 - root * root)
     }
 
@@ -124,7 +125,7 @@ mod tests {
             let velocity = [0, 1].map(|axis| ratio(gain[axis]) * position[axis]);
             filter.see(&Step { position, velocity, stated });
         }
-        filter.along(stated, is_periodic).unwrap()
+        filter.along(stated, 2.0, is_periodic).unwrap()
     }
 
     #[test]
@@ -146,7 +147,7 @@ mod tests {
             let [a, b, c, d] = [0; 4].map(|_| 4.0 * random.uniform() - 2.0);
             other.see(&Step { position: [a, b], velocity: [c, d], stated: [0.5; 2] });
         }
-        assert_eq!(other.along([0.5; 2], false), None);
-        assert!(Gain::default().along([0.5; 2], false).is_some());
+        assert_eq!(other.along([0.5; 2], 2.0, false), None);
+        assert!(Gain::default().along([0.5; 2], 2.0, false).is_some());
     }
 }

@@ -1,11 +1,13 @@
 //! The tracks of the sensors, updated row by row.
 
+use super::family::Families;
 use super::filtered::Filtered;
 use super::gain::Gain;
 use super::lasting::Positions;
 use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
+use super::source::{Source, paced};
 use super::target::Tracklet;
 use super::tracklet::{Behind, Past, behind, coasts, is_doubtful};
 use crate::base::error::Result;
@@ -39,6 +41,7 @@ pub(super) struct Member {
     /// its rows.
     gain: Gain,
     filtered: Option<Filtered>,
+    families: Option<Box<Families>>,
     foreign: f64,
     /// Whether there have been rows without a plot.
     is_periodic: bool,
@@ -57,9 +60,11 @@ pub(super) fn take(
     next: &mut u64,
     rows: &[Row],
     time: f64,
-    radars: &[Radar],
+    (radars, sources): (&[Radar], &mut [Source]),
     n_threads: Option<NonZero<usize>>,
 ) -> Result<()> {
+    let stated = radars;
+    let radars = &paced(radars, sources);
     let waited = std::mem::take(waiting);
     let all: Vec<&Row> = waited.iter().chain(rows).collect();
     let mut order: Vec<_> =
@@ -97,6 +102,8 @@ pub(super) fn take(
             *members[own] = Member::new(*next, *row, radar);
             *next += 1;
         } else if row.time > newest {
+            let period = stated[row.sensor].scan_period;
+            sources[row.sensor].see((row.time - newest) / period);
             added.push((own, row));
         }
     }
@@ -108,10 +115,17 @@ pub(super) fn take(
             work.push((&mut **member, own));
         }
     }
+    let damping: Vec<_> = sources.iter().map(|source| source.evidence.damping()).collect();
     mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
-        rows.iter().for_each(|(_, row)| member.add(**row, &radars[row.sensor]));
+        rows.iter()
+            .for_each(|(_, row)| member.add(**row, damping[row.sensor], &radars[row.sensor]));
         Ok(())
     })?;
+    for member in members.iter_mut() {
+        if let Some(families) = &mut member.families {
+            sources[member.last.sensor].evidence.add(&std::mem::take(&mut families.found));
+        }
+    }
     if begun.is_some() {
         // the list consists of two sorted runs
         members.sort_by_key(|member| member.place());
@@ -131,12 +145,13 @@ impl Member {
             shadow,
             gain: Gain::default(),
             filtered: None,
+            families: None,
             foreign: UNKNOWN,
             is_periodic: false,
             plotted: row.time,
             target: None,
         };
-        member.look_behind(None, radar);
+        member.look_behind(None, 2.0, radar);
         member
     }
 
@@ -146,7 +161,7 @@ impl Member {
     }
 
     /// Adds a row, and the plot behind it.
-    fn add(&mut self, row: Row, radar: &Radar) {
+    fn add(&mut self, row: Row, damping: f64, radar: &Radar) {
         let past = Past::new(&self.last, self.is_doubtful, self.plotted);
         self.before = [Some(past), self.before[0]];
         self.last = row;
@@ -161,7 +176,7 @@ impl Member {
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
         self.foreign += MEMORY * (is_unlike - self.foreign);
-        self.look_behind(plot.filter(|_| !self.is_foreign()), radar);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), damping, radar);
         self.plotted = row.time;
     }
 
@@ -172,10 +187,16 @@ impl Member {
 
     /// Stores what is known of the plot behind the last row: `plot`, or an estimate without knowledge of
     /// the filter.
-    fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
+    fn look_behind(&mut self, plot: Option<[f64; 2]>, damping: f64, radar: &Radar) {
         let last = (&self.last, self.is_doubtful);
-        let gain = (&mut self.gain, self.is_periodic);
-        let (place, own) = match behind(plot, last, &self.before, gain, radar) {
+        if !self.is_foreign() {
+            self.families = None;
+        } else if self.families.is_none() {
+            self.families = Some(Box::new(Families::new(&self.last, radar)));
+        }
+        let gain = (&mut self.gain, damping, self.is_periodic);
+        let families = self.families.as_deref_mut();
+        let (place, own) = match behind(plot, last, &self.before, gain, families, radar) {
             Behind::Plot(place) => (place, None),
             Behind::State(place, covariance) => (place, Some(covariance)),
             Behind::Nothing => return,

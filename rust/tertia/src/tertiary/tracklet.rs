@@ -1,5 +1,6 @@
 //! Reconstruction of the plot behind a row of a track from the track itself (a tracklet).
 
+use super::family::{DAMPING, Families};
 use super::gain::{Gain, Step};
 use super::row::Row;
 use crate::base::plane::Plane;
@@ -163,7 +164,8 @@ pub(super) fn behind(
     plot: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
     before: &[Option<Past>; 2],
-    (gain, is_periodic): (&mut Gain, bool),
+    (gain, damping, is_periodic): (&mut Gain, f64, bool),
+    families: Option<&mut Families>,
     radar: &Radar,
 ) -> Behind {
     let [x, y, ..] = row.state;
@@ -185,9 +187,17 @@ pub(super) fn behind(
         gain.see(&moved.step);
     }
     // if velocities are not derived from positions, the positions are those of the plots
-    let Some(gain) = gain.along(moved.step.stated, is_periodic) else {
+    let along = |damping| gain.along(moved.step.stated, damping, is_periodic);
+    let Some(gain) = along(damping) else {
         return Behind::Plot([x, y]);
     };
+    if let Some(families) = families {
+        let plots = DAMPING.map(|damping| {
+            let gain = along(damping).unwrap_or(gain);
+            (moved.plot(gain), gain)
+        });
+        families.follow(row, &plots, radar);
+    }
     let plot = moved.plot(gain);
     let [east, north] = [plot[0] - x, plot[1] - y];
     if east.hypot(north) <= moved.largest_lag(row, radar) {
@@ -245,7 +255,14 @@ mod tests {
         let past = |row| Some(Past::new(row, is_doubtful(row, &radar), row.time));
         let behind = |row: &Row, before: [Option<Past>; 2]| {
             let mut gain = Gain::default();
-            behind(None, (row, is_doubtful(row, &radar)), &before, (&mut gain, false), &radar)
+            behind(
+                None,
+                (row, is_doubtful(row, &radar)),
+                &before,
+                (&mut gain, 2.0, false),
+                None,
+                &radar,
+            )
         };
         let found = behind(&doubtful, [past(&sure), None]);
         assert!(matches!(found, Behind::State(_, own) if own.xx == 4e4));
@@ -272,7 +289,14 @@ mod tests {
         let last = Past::new(&row(0.0, 0.0), false, 0.0);
         let behind = |north| {
             let mut gain = Gain::default();
-            behind(None, (&row(4.0, north), false), &[Some(last), None], (&mut gain, false), &radar)
+            behind(
+                None,
+                (&row(4.0, north), false),
+                &[Some(last), None],
+                (&mut gain, 2.0, false),
+                None,
+                &radar,
+            )
         };
         assert!(matches!(behind(100.0), Behind::Plot(_)));
         let far = 4.0 * LONGEST_LAG * radar.scan_period * 200.0;
@@ -296,7 +320,8 @@ mod tests {
         };
         let (last, own) = (Past::new(&row(0.0, -780.0), false, 0.0), row(4.0, 0.0));
         let mut gain = Gain::default();
-        let found = behind(None, (&own, false), &[Some(last), None], (&mut gain, false), &radar);
+        let found =
+            behind(None, (&own, false), &[Some(last), None], (&mut gain, 2.0, false), None, &radar);
         assert!(matches!(found, Behind::Plot(plot) if plot.iter().all(|x| x.is_finite())));
     }
 }
