@@ -126,13 +126,12 @@ fn variance(targets: impl Iterator<Item = Scatter>) -> f64 {
         (sum, slopes, noise)
     };
     let (sum, slopes, noise) = estimate(0.0);
-    if !(sum > DIFFERENT * noise.sqrt()) {
-        return 0.0;
-    }
-    (0..ROUNDS).fold(sum / slopes, |before, _| {
+    let is_sure = sum > DIFFERENT * noise.sqrt();
+    let improved = |before: f64| {
         let (sum, slopes, _) = estimate(before);
         (sum / slopes).max(0.0)
-    })
+    };
+    if is_sure { (0..ROUNDS).fold(sum / slopes, |before, _| improved(before)) } else { 0.0 }
 }
 
 impl Cluster {
