@@ -369,7 +369,7 @@ fn flown(aircraft: usize, time: f64) -> [f64; 4] {
 }
 
 /// Prior standard deviations of systematic errors.
-const UNKNOWN: Errors = [100.0, 1e-4, 0.005, 0.1];
+const UNKNOWN: Errors = [100.0, 1e-4, 0.005, 0.1, 0.0, 0.0, 0.0, 0.0];
 
 /// Registers the plots of twenty aircraft by four radars, one of which is rotated.
 fn registered() -> Kernel {
@@ -396,7 +396,7 @@ fn registered() -> Kernel {
         .flat_map(|target| (0..SCANS).flat_map(move |k| scan(target, k)))
         .map(|(target, scan, radar)| plot(target, scan, radar))
         .collect();
-    let (zero, sigma) = (vec![[0.0; 4]; 4], vec![UNKNOWN; 4]);
+    let (zero, sigma) = (vec![[0.0; 8]; 4], vec![UNKNOWN; 4]);
     let (edges, start) = ([0.0, 4.0 * SCANS as f64], vec![zero.clone()]);
     Box::new(move || {
         let prior = Prior { mean: &zero, sigma: &sigma, rate: &zero };
@@ -413,7 +413,7 @@ fn pictures() -> Kernel {
         rule: tertiary::Rule::Tracklets,
         cross_correlation: [0.0; 2],
         registers: true,
-        errors: vec![[[0.0; 4], UNKNOWN, [1.0 / 30_000.0; 4]]; 4],
+        errors: vec![[[0.0; 8], UNKNOWN, [1.0 / 30_000.0; 8]]; 4],
     };
     let row = |time: f64, aircraft: usize, sensor: usize| {
         let mut state = flown(aircraft, time);
