@@ -53,7 +53,7 @@ enum End {
     Row(u32),
 }
 
-/// The buffers of [`assign`] and [`nearest`]; repeated use allocates no more memory.
+/// The buffers of assignments; repeated use allocates no more memory.
 #[derive(Clone, Debug, Default)]
 pub struct Assigner {
     edges: Vec<Edge>,
