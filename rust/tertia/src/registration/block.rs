@@ -6,7 +6,7 @@
 //! height if ranges are slant and no height is known. Errors are in units of their prior standard deviations.
 //! Cost O(n + q²) for n plots and q errors.
 
-use super::sighting::{ERRORS, Sighting};
+use super::sighting::{ERRORS, KINDS, Sighting};
 use crate::base::matrix::solve_definite;
 use crate::base::small::{Factor, rotated};
 use nalgebra::{DMatrix, DVector, Vector2};
@@ -61,8 +61,9 @@ struct Seen {
     axes: [Vector2<f64>; 2],
     place: [f64; 2],
     design: [[f64; ERRORS]; 2],
-    /// First of the errors of its radar in the block.
+    /// First of the errors of its radar in the block, and their number.
     first: usize,
+    count: usize,
     /// Change along by a unit of the squared height.
     lift: f64,
 }
@@ -227,6 +228,7 @@ impl Seen {
             axes,
             design: [[0.0; ERRORS]; 2],
             first: 0,
+            count: 0,
             lift: 0.0,
         }
     }
@@ -240,13 +242,15 @@ impl Seen {
         columns: &[usize],
     ) {
         let metres = one.design(velocity);
-        for (own, (j, column, prior)) in known(unknowns).enumerate() {
-            if own == 0 {
+        for (j, unknown) in unknowns.iter().enumerate() {
+            let Some((column, prior)) = *unknown else { continue };
+            if self.count == 0 {
                 self.first = columns.partition_point(|&other| other < column);
             }
-            for (axis, metres) in metres.iter().enumerate() {
-                self.design[axis][own] = metres[j] * prior / one.sigma[axis];
+            for axis in 0..2 {
+                self.design[axis][self.count] = metres[axis][j] * prior / one.sigma[axis];
             }
+            self.count += 1;
         }
     }
 
@@ -259,7 +263,7 @@ impl Seen {
     fn residual(&self, motion: &[f64; MOTION], step: &[f64], high: f64) -> [f64; 2] {
         let mut left = self.residual_of(self.place, motion);
         for (left, design) in left.iter_mut().zip(&self.design) {
-            for (design, step) in design.iter().zip(&step[self.first..]) {
+            for (design, step) in design.iter().zip(&step[self.first..][..self.count]) {
                 *left -= design * step;
             }
         }
@@ -285,13 +289,6 @@ impl Seen {
             1.0 - axis[0] * (axis[0] * east + 2.0 * axis[1] * both) - axis[1] * axis[1] * north
         })
     }
-}
-
-/// Number, column and prior sigma of the errors that a radar may have.
-fn known(
-    unknowns: &[Option<(usize, f64)>; ERRORS],
-) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
-    unknowns.iter().enumerate().filter_map(|(j, one)| one.map(|(column, prior)| (j, column, prior)))
 }
 
 /// Normal equations of the motion alone: `Hᵀ H` and `Hᵀ y`.
@@ -342,8 +339,7 @@ fn products(
     for one in seen {
         let [along, across] = &one.design;
         sums[(0, 0)] += one.place[0] * one.place[0] + one.place[1] * one.place[1];
-        let own = ERRORS.min(errors - one.first);
-        for j in 0..own {
+        for j in 0..one.count {
             let column = 1 + one.first + j;
             add_powers(&mut rights[column], one.in_plane(along[j], across[j]), one.time);
             sums[(0, column)] += one.place[0] * along[j] + one.place[1] * across[j];
@@ -380,13 +376,15 @@ fn columns_of(sightings: &[Sighting], unknowns: &Unknowns) -> Vec<usize> {
     radars.sort_unstable();
     radars.dedup();
     let own = |k: &usize| unknowns[*k].iter().flatten().map(|(column, _)| *column);
-    radars.iter().flat_map(own).collect()
+    let mut columns = Vec::with_capacity(KINDS * radars.len());
+    columns.extend(radars.iter().flat_map(own));
+    columns
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::sighting::Report;
     use super::super::sighting::tests::{PRIOR, close, radar};
-    use super::super::sighting::{KINDS, Report};
     use super::*;
 
     /// Seven plots of two radars.

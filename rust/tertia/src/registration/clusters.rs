@@ -46,7 +46,8 @@ struct Cluster {
     score: DVector<f64>,
     /// Change of the scores by a unit of each error, if it lasts.
     slope: DMatrix<f64>,
-    azimuths: BTreeMap<usize, f64>,
+    /// Columns of azimuth errors, and their prior sigmas, rad.
+    azimuths: Vec<(usize, f64)>,
 }
 
 /// Sums over the blocks of each target.
@@ -96,8 +97,8 @@ impl Clusters {
         let mut found = DVector::zeros(covariance.nrows());
         let azimuths = self.0.values().flat_map(|own| &own.azimuths);
         let variance = variance(self.0.values().filter_map(|own| own.scatter(covariance)));
-        for (&column, sigma) in azimuths {
-            found[column] = variance / (sigma * sigma);
+        for (column, sigma) in azimuths {
+            found[*column] = variance / (sigma * sigma);
         }
         found
     }
@@ -137,7 +138,7 @@ fn variance(targets: impl Iterator<Item = Scatter>) -> f64 {
 impl Cluster {
     fn new(time: f64) -> Self {
         let [information, slope] = [(); 2].map(|()| DMatrix::zeros(0, 0));
-        let (columns, score, azimuths) = (Vec::new(), DVector::zeros(0), BTreeMap::new());
+        let (columns, score, azimuths) = (Vec::new(), DVector::zeros(0), Vec::new());
         Self { time, columns, information, score, slope, azimuths }
     }
 
@@ -167,7 +168,11 @@ impl Cluster {
         // the variance of a weighted sum of scores
         self.information *= kept * kept;
         self.slope *= kept;
-        self.azimuths.extend(part.azimuths.iter().copied());
+        for own in &part.azimuths {
+            if !self.azimuths.contains(own) {
+                self.azimuths.push(*own);
+            }
+        }
         self.cover(&part.columns);
         // all columns are there
         let place = |column: &usize| self.columns.partition_point(|own| own < column);

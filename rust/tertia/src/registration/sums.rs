@@ -140,12 +140,22 @@ impl Sums {
             }
         }
         if let Some(target) = target {
-            let azimuths = sightings.iter().filter(|one| !one.is_placed);
-            let azimuths = azimuths.filter_map(|one| unknowns[one.radar][AZIMUTH]).collect();
+            let azimuths = azimuths(sightings, unknowns);
             let Block { columns, information, score, .. } = block;
             self.parts.push(Part { target, columns, information, score, azimuths });
         }
     }
+}
+
+/// Returns columns and prior sigmas of the azimuth errors of the radars of these sightings.
+fn azimuths(sightings: &[Sighting], unknowns: &Unknowns) -> Vec<(usize, f64)> {
+    let mut found = Vec::new();
+    for one in sightings.iter().filter(|one| !one.is_placed) {
+        if let Some(own) = unknowns[one.radar][AZIMUTH].filter(|own| !found.contains(own)) {
+            found.push(own);
+        }
+    }
+    found
 }
 
 /// Returns the larger squared residual of a plot over its redundancy.

@@ -328,15 +328,16 @@ impl<const M: usize, const N: usize> Step<M, N> {
             // a missing component has no row, and no column in the rows of the others
             let there = (0..=i).filter(|&j| !plot[j].is_nan());
             let measured: f64 = there.map(|j| h[j] * plot[j]).sum();
-            // most elements of h are zero
-            let seen = || (0..N).filter(|&c| h[c] != 0.0);
             let (mut predicted, mut ph) = (0.0, [0.0; N]);
-            for c in seen() {
-                predicted += h[c] * self.x[c];
-                small::add_multiple(&mut ph, h[c], &self.p[c]);
+            for c in 0..N {
+                // most elements are zero
+                if h[c] != 0.0 {
+                    predicted += h[c] * self.x[c];
+                    small::add_multiple(&mut ph, h[c], &self.p[c]);
+                }
             }
             let innovation = measured + late - predicted;
-            let s = (1.0 - share) * variance + seen().map(|c| ph[c] * h[c]).sum::<f64>();
+            let s = (1.0 - share) * variance + dot(&ph, &h);
             let reciprocal = 1.0 / s;
             let gain = innovation * reciprocal;
             for r in 0..N {
