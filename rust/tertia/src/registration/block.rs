@@ -247,8 +247,8 @@ impl Seen {
             if self.count == 0 {
                 self.first = columns.partition_point(|&other| other < column);
             }
-            for axis in 0..2 {
-                self.design[axis][self.count] = metres[axis][j] * prior / one.sigma[axis];
+            for (axis, metres) in metres.iter().enumerate() {
+                self.design[axis][self.count] = metres[j] * prior / one.sigma[axis];
             }
             self.count += 1;
         }
