@@ -22,7 +22,7 @@ const TURNING: f64 = 0.3;
 const LARGEST: f64 = 10.0;
 /// Rows of a track before its rows are evidence: the gain of a new track differs from that of an old one.
 const WARM: u32 = 8;
-/// Number of rows from which a damping is chosen, and after which old rows are forgotten.
+/// Number of rows from which a damping is chosen, and from which on no more rows are needed.
 const FEWEST: f64 = 30.0;
 const MEMORY: f64 = 1000.0;
 /// Number of rows for which the evidence counts at most, because the models of motion are never exact, and
@@ -43,12 +43,16 @@ pub(super) struct Evidence {
 impl Evidence {
     /// Adds other rows.
     pub fn add(&mut self, other: &Self) {
-        let kept = (MEMORY / (self.count + other.count)).min(1.0);
-        self.count = kept * (self.count + other.count);
+        self.count += other.count;
         for k in 0..COUNT {
-            self.square[k] = kept * (self.square[k] + other.square[k]);
-            self.area[k] = kept * (self.area[k] + other.area[k]);
+            self.square[k] += other.square[k];
+            self.area[k] += other.area[k];
         }
+    }
+
+    /// Whether there are enough rows.
+    pub fn is_complete(&self) -> bool {
+        self.count >= MEMORY
     }
 
     /// Returns the damping that explains the rows.

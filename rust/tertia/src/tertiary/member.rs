@@ -1,6 +1,6 @@
 //! The tracks of the sensors, updated row by row.
 
-use super::family::Families;
+use super::family::{Evidence, Families};
 use super::filtered::Filtered;
 use super::gain::Gain;
 use super::lasting::Positions;
@@ -115,10 +115,10 @@ pub(super) fn take(
             work.push((&mut **member, own));
         }
     }
-    let damping: Vec<_> = sources.iter().map(|source| source.evidence.damping()).collect();
+    let evidence: Vec<_> = sources.iter().map(|source| source.evidence).collect();
     mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
         rows.iter()
-            .for_each(|(_, row)| member.add(**row, damping[row.sensor], &radars[row.sensor]));
+            .for_each(|(_, row)| member.add(**row, &evidence[row.sensor], &radars[row.sensor]));
         Ok(())
     })?;
     for member in members.iter_mut() {
@@ -151,7 +151,7 @@ impl Member {
             plotted: row.time,
             target: None,
         };
-        member.look_behind(None, 2.0, radar);
+        member.look_behind(None, &Evidence::default(), radar);
         member
     }
 
@@ -161,7 +161,7 @@ impl Member {
     }
 
     /// Adds a row, and the plot behind it.
-    fn add(&mut self, row: Row, damping: f64, radar: &Radar) {
+    fn add(&mut self, row: Row, evidence: &Evidence, radar: &Radar) {
         let past = Past::new(&self.last, self.is_doubtful, self.plotted);
         self.before = [Some(past), self.before[0]];
         self.last = row;
@@ -176,7 +176,7 @@ impl Member {
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
         self.foreign += MEMORY * (is_unlike - self.foreign);
-        self.look_behind(plot.filter(|_| !self.is_foreign()), damping, radar);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), evidence, radar);
         self.plotted = row.time;
     }
 
@@ -187,14 +187,14 @@ impl Member {
 
     /// Stores what is known of the plot behind the last row: `plot`, or an estimate without knowledge of
     /// the filter.
-    fn look_behind(&mut self, plot: Option<[f64; 2]>, damping: f64, radar: &Radar) {
+    fn look_behind(&mut self, plot: Option<[f64; 2]>, evidence: &Evidence, radar: &Radar) {
         let last = (&self.last, self.is_doubtful);
-        if !self.is_foreign() {
+        if !self.is_foreign() || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));
         }
-        let gain = (&mut self.gain, damping, self.is_periodic);
+        let gain = (&mut self.gain, evidence.damping(), self.is_periodic);
         let families = self.families.as_deref_mut();
         let (place, own) = match behind(plot, last, &self.before, gain, families, radar) {
             Behind::Plot(place) => (place, None),
