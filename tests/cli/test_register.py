@@ -82,3 +82,22 @@ def test_a_sudden_change_is_named(scene: Path, tmp_path: Path) -> None:
     assert change["radar"] == "radar-2"
     assert abs(change["time"] - 250.0) < 20.0
     assert "the errors of radar-2 changed suddenly at" in done.err
+
+
+def test_azimuth_errors_that_change_with_the_azimuth_are_noted(scene: Path, tmp_path: Path) -> None:
+    plots = pl.read_csv(scene / "plots.csv")
+    azimuth = pl.col("azimuth_deg")
+    wrong = 0.3 * (2.0 * azimuth.radians()).sin() * (pl.col("sensor") == "radar-2")
+    bent = tmp_path / "bent.csv"
+    plots.with_columns(azimuth_deg=(azimuth + wrong) % 360.0).write_csv(bent)
+    done = run("register", bent, "--sensors", scene / "sensors.toml", "--json")
+    assert done.code == 0
+    assert "azimuth errors change with the azimuth" in done.err
+    (sigma,) = (
+        one["azimuth_bias_sigma_deg"]
+        for one in json.loads(done.out)["radars"]
+        if one["name"] == "radar-2"
+    )
+    assert sigma > 0.15
+    straight = run("register", scene / "plots.csv", "--sensors", scene / "sensors.toml")
+    assert "change with the azimuth" not in straight.err

@@ -1,5 +1,6 @@
 """Azimuth errors that change with the azimuth: found, removed, and in the covariances."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +51,8 @@ def test_deviations_are_those_of_the_radars():
     found = register(record.plots, RADARS)
     assert found.bias.deviation_order == 2
     assert found.covariance.shape == (24, 24)
+    shown = re.findall(r"azimuth deviation ([0-9.]+)° rms", repr(found))
+    assert [float(one) for one in shown] == pytest.approx([0.079, 0.08, 0.0], abs=0.015)
     sigma = np.sqrt(np.diag(found.covariance)).reshape(3, 8)
     off = (found.bias.deviation - curves) / sigma[:, 4:]
     assert np.max(np.abs(off)) < 3.5

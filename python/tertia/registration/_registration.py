@@ -105,6 +105,9 @@ class Registration(Result):
                 for kind, (scale, unit) in units.items()
                 if seen[kind][k]
             ]
+            if bias.deviation_order > 0:
+                rms = np.degrees(np.sqrt(0.5 * np.sum(np.square(bias.deviation[k]))))
+                known.append(f"azimuth deviation {rms:.2g}° rms")
             factors = (self.noise_factor.range, self.noise_factor.azimuth)
             noise = " and ".join(f"{np.asarray(factor)[k]:.2f}" for factor in factors)
             shown = ", ".join(known) or "unknown"

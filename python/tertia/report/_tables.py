@@ -84,17 +84,19 @@ def finite_or_none(value: float) -> float | None:
 def radar_rows(analysis: Analysis) -> list[Row]:
     """Return rows with the noise, the biases and the updates of each radar."""
     rows, found = [], analysis.registration
-    factor, error, bias = found.noise_factor, found.noise_factor_sigma, found.bias
+    factor, error = found.noise_factor, found.noise_factor_sigma
     observable = found.observable
     for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
         count, seen = analysis.updates[k], analysis.innovations[k]
+        # a deviation of the azimuth is part of its sigma
+        bias = found.sensors[k].bias
         expected = int(count.expected.sum())
         row: Row = {"radar": name, "plots": int(count.plots.sum())}
         for kind, unit, scale in (("range", "m", 1.0), ("azimuth", "deg", DEGREES)):
             stated = getattr(radar, f"{kind}_sigma") * scale
             level, level_error = (getattr(one, kind)[k] * stated for one in (factor, error))
-            sigma = np.asarray(getattr(bias, f"{kind}_sigma"))[k] * scale
-            value = np.asarray(getattr(bias, kind))[k] * scale
+            sigma = getattr(bias, f"{kind}_sigma") * scale
+            value = getattr(bias, kind) * scale
             row |= {
                 f"{kind}_sigma_stated_{unit}": stated,
                 f"{kind}_sigma_{unit}": finite_or_none(level),
@@ -102,9 +104,7 @@ def radar_rows(analysis: Analysis) -> list[Row]:
             }
             row |= _bias(kind, f"_{unit}", value, sigma, observable[kind][k])
         for kind, unit in (("range_gain", ""), ("time", "_s")):
-            value, sigma = (
-                float(np.asarray(getattr(bias, name))[k]) for name in (kind, f"{kind}_sigma")
-            )
+            value, sigma = (float(getattr(bias, name)) for name in (kind, f"{kind}_sigma"))
             row |= _bias(kind, unit, value, sigma, observable[kind][k])
         rows.append(
             row

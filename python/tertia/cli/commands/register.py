@@ -66,6 +66,11 @@ def register(
         note("no error can be estimated: at least two radars must see the same targets")
     for name, time in found.changes:
         note(f"the errors of {name} changed suddenly at {time}; those at the end are written")
+    if found.registration.bias.deviation_order > 0:
+        note(
+            "azimuth errors change with the azimuth; azimuth_bias_sigma_deg contains this, because "
+            "tertia track does not remove it"
+        )
     if output is not None:
         write.write(rows, output)
     changes = [{"radar": name, "time": time} for name, time in found.changes]

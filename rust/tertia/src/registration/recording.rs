@@ -63,9 +63,10 @@ pub struct Periods<'a> {
 }
 
 /// Estimates the errors of radars from blocks of plots of one target. If the azimuth errors of targets differ,
-/// deviations with the azimuth are estimated, too. Ranges of a radar may be `slant` if no height is known. Errors that no block depends on keep their prior. If errors of one kind are clearly larger
-/// than their prior, those that cannot be observed are so, too: the prior is as large as the errors found, and
-/// they are estimated again. Cost O(N log N + N K² + T K³) for N plots and T periods.
+/// deviations with the azimuth are estimated, too. Ranges of a radar may be `slant` if no height is known. Errors that
+/// no block depends on keep their prior. If errors of one kind are clearly larger than their prior, those that cannot
+/// be observed are so, too: the prior is as large as the errors found, and they are estimated again. Cost O(N log N + N
+/// K² + T K³) for N plots and T periods.
 ///
 /// # Panics
 /// If there is no period, the radar of a plot does not exist, or the lengths differ.
