@@ -104,9 +104,7 @@ def normalised(name: simulate.SetUpName) -> tuple[FloatArray, FloatArray, FloatA
         found, factor, bias = scene(name, seed)
         error = columns(found.bias) - columns(bias)
         off.append(error / columns(found.bias, "_sigma"))
-        # without the coefficients of deviations, if there are any
-        each = np.arange(len(found.covariance)).reshape(len(error), -1)[:, : error.shape[1]].ravel()
-        squares.append(nees(error.ravel(), found.covariance[np.ix_(each, each)]) / error.size)
+        squares.append(nees(error.ravel(), found.covariance) / error.size)
         level, sigma = (
             np.stack([np.asarray(getattr(one, kind)) for kind in NOISE], axis=-1)
             for one in (found.noise_factor, found.noise_factor_sigma)

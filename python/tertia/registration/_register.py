@@ -197,6 +197,7 @@ def rounds(
     registration = Registration(
         bias=known.bias,
         covariance=known.covariance,
+        deviation_covariance=known.deviation_covariance,
         changes=known.changes,
         prior=known.prior,
         noise_factor=_by_kind(factor),

@@ -46,9 +46,11 @@ class Registration(Result):
         recording, each of shape (K,), with their standard deviations. A bias that the plots do not
         determine keeps its value and sigma from before the registration; its sigma is larger if
         other biases of its kind exceed theirs.
-    covariance : ndarray of shape (4 * K, 4 * K) or (8 * K, 8 * K)
-        Covariance of the biases of range, gain, azimuth and time at the end, radar by radar. If
-        `bias` has deviations, their coefficients follow the time of each radar.
+    covariance : ndarray of shape (4 * K, 4 * K)
+        Covariance of the biases of range, gain, azimuth and time at the end, radar by radar.
+    deviation_covariance : ndarray of shape (8 * K, 8 * K) or None
+        The same with the coefficients of the deviation after the time of each radar; None if `bias`
+        has no deviations.
     changes : tuple of (float, int)
         Times in seconds at which biases changed suddenly, and the indices of the sensors.
     prior : Bias
@@ -68,10 +70,18 @@ class Registration(Result):
     """
 
     _rows: ClassVar = "bias_range", 0
-    _omitted: ClassVar = ("covariance", "changes", "noise_history", "bias_history", "sensors")
+    _omitted: ClassVar = (
+        "covariance",
+        "deviation_covariance",
+        "changes",
+        "noise_history",
+        "bias_history",
+        "sensors",
+    )
 
     bias: Bias
     covariance: FloatArray
+    deviation_covariance: FloatArray | None
     changes: tuple[tuple[float, int], ...]
     prior: Bias
     noise_factor: ByKind

@@ -36,6 +36,7 @@ from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
+from tertia.tracker._biases import without_deviation
 from tertia.tracker._doubts import Shared
 from tertia.tracker._recording import tracked
 
@@ -138,13 +139,18 @@ class Tracking:
 
     @property
     def errors(self) -> pl.DataFrame:
-        """One row per sensor: its systematic errors; null if the plots do not determine them."""
+        """One row per sensor: its systematic errors; null if the plots do not determine them.
+
+        The sigma of the azimuth contains a deviation that changes with the azimuth.
+        """
         prior = own_biases(self.recording.sensors.items)
+        alike = without_deviation(self.bias, self.recording.sensors.items)
         columns: dict[str, Any] = {"sensor": list(self.recording.sensors.names)}
         for kind, (name, unit, scale) in _ERRORS.items():
             value, sigma = (np.asarray(getattr(self.bias, kind + end)) for end in ("", "_sigma"))
             found = sigma < 0.5 * np.asarray(getattr(prior, f"{kind}_sigma"))
             columns[f"{name}{unit}"] = known(np.where(found, scale * value, np.nan))
+            sigma = np.asarray(getattr(alike, f"{kind}_sigma"))
             columns[f"{name}_sigma{unit}"] = known(np.where(found, scale * sigma, np.nan))
         return pl.DataFrame(columns)
 

@@ -53,16 +53,11 @@ def without_deviation(bias: Bias, sensors: Sequence[Sensor]) -> Bias:
     return bias_of(columns_of(bias), unknown, are_placed(sensors))
 
 
-def covariance_without_deviation(covariance: FloatArray, bias: Bias) -> FloatArray:
-    """Return the covariance (4 K, 4 K) of such biases; azimuth variances contain the deviations."""
-    count = len(bias)
-    parts = covariance.reshape(count, -1, count, covariance.shape[0] // count)
-    found: FloatArray = parts[:, :_KINDS, :, :_KINDS].copy()
-    each = np.arange(count)
-    own = 0.5 * np.sum(values_of(bias)[:, _KINDS:] ** 2, axis=1)
-    own += 0.5 * np.trace(parts[each, _KINDS:, each, _KINDS:], axis1=1, axis2=2)
-    found[each, _AZIMUTH, each, _AZIMUTH] += own
-    return found.reshape(_KINDS * count, _KINDS * count)
+def constants_of(covariance: FloatArray) -> FloatArray:
+    """Return the covariance (4 K, 4 K) of the errors that are the same in all directions."""
+    count = len(covariance) // _ERRORS
+    parts = covariance.reshape(count, _ERRORS, count, _ERRORS)[:, :_KINDS, :, :_KINDS]
+    return np.ascontiguousarray(parts).reshape(_KINDS * count, _KINDS * count)
 
 
 def values_of(bias: Bias) -> FloatArray:

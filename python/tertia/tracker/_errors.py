@@ -17,7 +17,7 @@ from tertia.tracker._biases import (
     bias_of,
     bias_with_deviation,
     columns_of,
-    covariance_without_deviation,
+    constants_of,
     padded,
     with_deviation_sigma,
 )
@@ -94,14 +94,16 @@ class Errors:
     """Systematic errors of K sensors, their prior distribution, and the noise of the sensors.
 
     `covariance` (4 K, 4 K) is the covariance of the errors of offset, gain, azimuth and time in the
-    last period, sensor by sensor; with deviations, (8 K, 8 K), their coefficients follow the time.
-    `changes` has the times of sudden changes and the sensors that
-    changed. `factor` (K, 2) is the ratio of the estimated to the assumed noise, and `redundancy` is
-    the number of redundant measurements from which it was estimated.
+    last period, sensor by sensor. In `deviation_covariance` (8 K, 8 K), the coefficients of the
+    deviation follow the time; it is None if no azimuth deviates. `changes` has the times of sudden
+    changes and the sensors that changed. `factor` (K, 2) is the ratio of the estimated to the
+    assumed noise, and `redundancy` is the number of redundant measurements from which it was
+    estimated.
     """
 
     history: BiasHistory
     covariance: FloatArray
+    deviation_covariance: FloatArray | None
     changes: tuple[tuple[float, int], ...]
     prior: Bias
     factor: FloatArray
@@ -172,11 +174,10 @@ def errors(
     )
     placed = are_placed(sensors)
     history = tuple(bias_with_deviation(*own, placed) for own in zip(value, after, strict=True))
-    if history[-1].deviation_order == 0:
-        covariance = covariance_without_deviation(covariance, history[-1])
     return Errors(
         history=BiasHistory(edges, history),
-        covariance=covariance,
+        covariance=constants_of(covariance),
+        deviation_covariance=covariance if history[-1].deviation_order > 0 else None,
         changes=tuple((float(edges[period]), sensor) for period, sensor in changes),
         prior=bias_of(mean, sigma, placed),
         factor=factor,

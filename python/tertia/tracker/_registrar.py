@@ -17,8 +17,9 @@ from tertia.tracker._azimuths import azimuth_sigmas, placed
 from tertia.tracker._biases import (
     are_placed,
     bias_of,
+    bias_with_deviation,
     columns_of,
-    covariance_without_deviation,
+    values_of,
 )
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import ProfileName, with_heights
@@ -103,9 +104,10 @@ def begun(
     # the prior of the errors is that of the sensors
     pairs = zip(found, sensors, strict=True)
     placed = tuple(replace(own, bias=one.bias) for own, one in pairs)
-    bias = registration.bias
-    covariance = covariance_without_deviation(registration.covariance, bias)
-    return placed, (columns_of(bias), covariance)
+    covariance = registration.deviation_covariance
+    if covariance is None:
+        covariance = registration.covariance
+    return placed, (values_of(registration.bias), covariance)
 
 
 class Registrar:
@@ -157,7 +159,7 @@ class Registrar:
     def bias(self) -> Bias:
         """Systematic errors of each radar with their standard deviations, (K,)."""
         value, sigma, _ = self._core.known()
-        return bias_of(value, sigma, are_placed(self.sensors))
+        return bias_with_deviation(value, sigma, are_placed(self.sensors))
 
     def correct(self, plots: Plots) -> Plots:
         """Return plots with the systematic errors of their sensors removed."""

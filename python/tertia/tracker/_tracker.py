@@ -112,8 +112,9 @@ class Tracker:
         error except a delay. `Tracker.bias` contains the current estimate; the covariances of the
         tracks include its uncertainty. Errors several times as large as their limits are found from
         the first three or seven scans; the tracks then start anew, with new numbers, and in the
-        first three scans no rows are returned. If an earlier `Registration` is given, its noise is
-        used, and the estimation continues from its last errors.
+        first three scans no rows are returned. If azimuth errors are found to change with the
+        azimuth, `bias` has a `deviation`. If an earlier `Registration` is given, its noise is used,
+        and the estimation continues from its last errors.
     n_threads : int, optional
         Number of threads for scans with over a thousand plots per thread; by default all cores.
 

@@ -29,6 +29,7 @@ mod change;
 mod clusters;
 mod common;
 mod correction;
+mod effect;
 mod exchange;
 mod followed;
 mod gaussian;

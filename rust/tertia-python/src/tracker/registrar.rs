@@ -2,14 +2,14 @@
 
 use super::{Columns, TrackColumns, View};
 use crate::arrays::{Array, Input, Integers, array, release};
-use crate::registration::{same_length, with_deviation, without_deviation};
+use crate::registration::{same_length, with_deviation};
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use tertia::registration::{
-    self as core, Changed, KINDS, Other, Report, TargetPlot, Update, Updates,
+    self as core, Changed, ERRORS, KINDS, Other, Report, TargetPlot, Update, Updates,
 };
 use tertia::tracker::{Data, PlotStatus, Plots};
 
@@ -35,13 +35,14 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
-    /// Starts with known errors (K, 4) and their covariance (4 K, 4 K).
+    /// Starts with known errors (K, 8) and their covariance: (8 K, 8 K), or (4 K, 4 K) without deviations.
     fn know(&mut self, errors: Input<'_>, covariance: Input<'_>) -> PyResult<()> {
-        let errors = with_deviation(errors.points("errors", 1)?);
+        let errors = errors.points::<ERRORS>("errors", 1)?;
         let covariance = covariance.numbers("covariance")?;
-        let (radars, order) = (self.0.held().len(), KINDS * errors.len());
+        let radars = self.0.held().len();
         same_length(radars, &[errors.len()])?;
-        same_length(order * order, &[covariance.len()])?;
+        let kinds = if covariance.len() > (KINDS * radars).pow(2) { ERRORS } else { KINDS };
+        same_length((kinds * radars).pow(2), &[covariance.len()])?;
         self.0.know(&errors, &covariance);
         Ok(())
     }
@@ -121,13 +122,13 @@ impl Registrar {
         ))
     }
 
-    /// Returns errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).
+    /// Returns errors and their standard deviations, (K, 8), and the noise for the tracker, (K, 2).
     fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 3]> {
         let (errors, sigmas, noise) = (self.0.errors(), self.0.sigmas(), self.0.noise());
         let k = errors.len();
         Ok([
-            array(py, &[k, KINDS], without_deviation(&errors))?,
-            array(py, &[k, KINDS], without_deviation(&sigmas))?,
+            array(py, &[k, ERRORS], errors.into_flattened())?,
+            array(py, &[k, ERRORS], sigmas.into_flattened())?,
             array(py, &[k, 2], noise.into_flattened())?,
         ])
     }

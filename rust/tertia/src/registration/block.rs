@@ -70,7 +70,10 @@ struct Seen {
 
 /// For each radar, the columns of its errors among those of all radars and their prior sigmas; none for an
 /// error that it cannot have.
-pub(super) type Unknowns = Vec<[Option<(usize, f64)>; ERRORS]>;
+pub(super) type Unknowns = Vec<Unknown>;
+
+/// The same of one radar.
+pub(super) type Unknown = [Option<(usize, f64)>; ERRORS];
 
 /// Covariance of the errors of all radars before a block.
 pub(super) struct Known<'a> {

@@ -19,9 +19,7 @@ const MEMORY: f64 = 600.0;
 /// Standard deviations by which scores must exceed what is expected, and the least expected sum.
 const SURE: f64 = 4.0;
 const ENOUGH: f64 = 0.5;
-/// Standard deviations by which scores must differ between targets, and number of improvements of the variance
-/// between them.
-const DIFFERENT: f64 = 3.0;
+/// Number of improvements of the variance between targets.
 const ROUNDS: usize = 6;
 
 /// What a block of plots of a target says about the errors in some columns.
@@ -92,11 +90,12 @@ impl Clusters {
     }
 
     /// Variances, in units of the prior, by which azimuth errors differ between targets, one for each error: 0
-    /// unless significant. `covariance` is that of the errors. Cost O(n q³).
-    pub fn apart(&self, covariance: &DMatrix<f64>) -> DVector<f64> {
+    /// unless scores differ by `sure` standard deviations. `covariance` is that of the errors. Cost O(n q³).
+    pub fn apart(&self, covariance: &DMatrix<f64>, sure: f64) -> DVector<f64> {
         let mut found = DVector::zeros(covariance.nrows());
         let azimuths = self.0.values().flat_map(|own| &own.azimuths);
-        let variance = variance(self.0.values().filter_map(|own| own.scatter(covariance)));
+        let targets = self.0.values().filter_map(|own| own.scatter(covariance));
+        let variance = variance(targets, sure);
         for (column, sigma) in azimuths {
             found[*column] = variance / (sigma * sigma);
         }
@@ -112,8 +111,8 @@ struct Scatter {
     spread: f64,
 }
 
-/// Variance between targets, rad²; 0 unless it is significant.
-fn variance(targets: impl Iterator<Item = Scatter>) -> f64 {
+/// Variance between targets, rad²; 0 unless it is significant by `sure` standard deviations.
+fn variance(targets: impl Iterator<Item = Scatter>, sure: f64) -> f64 {
     let targets: Vec<Scatter> = targets.collect();
     let estimate = |before: f64| {
         let (mut sum, mut slopes, mut noise) = (0.0, 0.0, 0.0);
@@ -127,7 +126,7 @@ fn variance(targets: impl Iterator<Item = Scatter>) -> f64 {
         (sum, slopes, noise)
     };
     let (sum, slopes, noise) = estimate(0.0);
-    let is_sure = sum > DIFFERENT * noise.sqrt();
+    let is_sure = sum > sure * noise.sqrt();
     let improved = |before: f64| {
         let (sum, slopes, _) = estimate(before);
         (sum / slopes).max(0.0)
@@ -270,7 +269,7 @@ mod tests {
                 );
             }
         }
-        let found = clusters.apart(&DMatrix::from_diagonal_element(2, 2, 1.0 / 8000.0));
+        let found = clusters.apart(&DMatrix::from_diagonal_element(2, 2, 1.0 / 8000.0), 3.0);
         assert_eq!(found[0], 0.0);
         found[1]
     }

@@ -1,10 +1,11 @@
 //! A track as a registrar follows it: its position, the radars that see it, and the effect of their errors on
 //! its covariance.
 
+use super::block::Unknown;
+use super::effect::{Blocks, Effect, Part};
 use super::settled::{self, Gain, Settled, restrain};
-use super::sighting::{ERRORS, Errors, KINDS, Sighting};
+use super::sighting::{AZIMUTH, Errors, KINDS, Sighting, azimuth_of};
 use crate::base::plane::Plane;
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of times that the excess of a covariance is halved.
@@ -17,10 +18,6 @@ const REGULAR: f64 = 1e-12;
 /// twice as much is the limit of stability.
 const STEADY: f64 = 1.0;
 
-/// Change of position and velocity by each error of one radar, with errors in units of the prior; or the
-/// covariance of the errors of two radars.
-type Part = [[f64; 4]; KINDS];
-
 /// A track after its last row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Followed {
@@ -29,40 +26,13 @@ pub(super) struct Followed {
     pub time: f64,
     pub position: [f64; 2],
     pub velocity: [f64; 2],
-    /// Radars that have seen the track, time of their last plots, and effect of their errors on the track.
-    pub parts: Vec<(usize, f64, Part)>,
+    /// Radars that have seen the track, and the effects of their errors on it.
+    pub parts: Vec<Effect>,
     /// Part of the covariance that is due to the additional noise of plots that stands for unknown errors.
     excess: [[f64; 4]; 4],
     /// Smallest ratio, over all plots, of the variance of the noise alone to the variance that includes the
     /// part that stands for unknown errors.
     share: f64,
-}
-
-/// Covariance of the errors of radars, `K` by `K` blocks; zero for errors that a radar does not have.
-pub(super) struct Blocks {
-    radars: usize,
-    blocks: Vec<Part>,
-}
-
-impl Blocks {
-    /// Arranges a covariance in which error `error` of radar `radar` has the column `columns[radar][error]`.
-    pub fn new(covariance: &DMatrix<f64>, columns: &[[Option<usize>; KINDS]]) -> Self {
-        let radars = columns.len();
-        let of = |row: Option<usize>, column: Option<usize>| match (row, column) {
-            (Some(row), Some(column)) => covariance[(row, column)],
-            _ => 0.0,
-        };
-        let block = |n: usize| {
-            let (rows, columns) = (columns[n / radars], columns[n % radars]);
-            rows.map(|row| columns.map(|column| of(row, column)))
-        };
-        Self { radars, blocks: (0..radars * radars).map(block).collect() }
-    }
-
-    /// Returns the covariance of the errors of two radars.
-    fn of(&self, k: usize, other: usize) -> &Part {
-        &self.blocks[k * self.radars + other]
-    }
 }
 
 /// Raises the noise with the uncertainty of the errors to the noise that a tracker has used, and the noise
@@ -102,10 +72,10 @@ impl Followed {
         [sigma, own]: [[f64; 2]; 2],
         (covariance, is_confirmed): (&[f64; 16], bool),
         velocity: [f64; 2],
-        unknowns: &[Option<(usize, f64)>; ERRORS],
+        unknowns: &Unknown,
     ) {
         let all = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]];
-        self.update(seen.radar, &all, &displaced(seen, velocity, unknowns));
+        self.update(seen, &all, &displaced(seen, velocity, unknowns));
         let [u, v] = seen.axes;
         let wider = [0, 1].map(|axis| 1.0 - (own[axis] / sigma[axis]).powi(2));
         self.share = 1.0 - wider[0].max(wider[1]);
@@ -133,8 +103,8 @@ impl Followed {
     /// Sums numbers from all parts of the track, so that it is loaded into the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
-        let part = |(_, time, part): &(usize, f64, Part)| time + part[1][2] + part[3][2];
-        let parts: f64 = self.parts.iter().map(part).sum();
+        let touched = |own: &Effect| own.time + own.part[1][2] + own.part[3][2];
+        let parts: f64 = self.parts.iter().map(touched).sum();
         self.row_time + self.position[0] + self.excess[0][3] + self.excess[3][3] + parts
     }
 
@@ -145,21 +115,21 @@ impl Followed {
 
     /// Time of the last plot of a radar.
     pub fn seen_by(&self, radar: usize) -> f64 {
-        let own = self.parts.iter().find(|(k, ..)| *k == radar);
-        own.map_or(f64::NEG_INFINITY, |(_, time, _)| *time)
+        let own = self.parts.iter().find(|own| own.radar == radar);
+        own.map_or(f64::NEG_INFINITY, |own| own.time)
     }
 
     /// Notes a plot of the confirmed track, and the state of the track after it.
     pub fn see(&mut self, time: f64, radar: usize, position: [f64; 2], velocity: [f64; 2]) {
         (self.time, self.position, self.velocity) = (time, position, velocity);
-        self.part(radar).1 = time;
+        self.of(radar).time = time;
     }
 
     /// Advances the track to the time of a row.
     #[inline(always)]
     pub fn advance(&mut self, time: f64) {
         let ahead = (time - self.row_time).max(0.0);
-        for (_, _, part) in &mut self.parts {
+        for Effect { part, .. } in &mut self.parts {
             for [east, north, east_rate, north_rate] in part {
                 *east += ahead * *east_rate;
                 *north += ahead * *north_rate;
@@ -192,7 +162,7 @@ impl Followed {
         noise: [[f64; 2]; 2],
         (covariance, reported): (&[f64; 16], Option<Plane>),
         velocity: [f64; 2],
-        unknowns: &[Option<(usize, f64)>; ERRORS],
+        unknowns: &Unknown,
         interval: f64,
     ) {
         let Some(moving) = reported else {
@@ -206,7 +176,7 @@ impl Followed {
     /// Reduces the effects of the errors after a measurement that they do not affect has updated the track.
     #[cold]
     pub fn settle(&mut self, by: &Settled) {
-        for row in self.parts.iter_mut().flat_map(|(.., part)| part) {
+        for row in self.parts.iter_mut().flat_map(|own| &mut own.part) {
             *row = by.left(*row);
         }
         // (1 − K H) E (1 − K H)'
@@ -223,7 +193,7 @@ impl Followed {
         [sigma, own]: [[f64; 2]; 2],
         covariance: &[f64; 16],
         velocity: [f64; 2],
-        unknowns: &[Option<(usize, f64)>; ERRORS],
+        unknowns: &Unknown,
         interval: f64,
     ) {
         let [u, v] = seen.axes;
@@ -253,16 +223,16 @@ impl Followed {
         let wide = |i: usize, j: usize| a * u[i] * u[j] + b * v[i] * v[j];
         self.exceed(&gain, [wide(0, 0), wide(0, 1), wide(1, 1)]);
         let own = displaced(seen, velocity, unknowns);
-        self.update(seen.radar, &gain, &own);
+        self.update(seen, &gain, &own);
     }
 
-    /// Updates the effects of the errors after a plot of a radar was used with this gain. A unit of each
-    /// error of the radar moves the plot by `own`.
+    /// Updates the effects of the errors after a plot was used with this gain. A unit of each error of its radar
+    /// moves the plot by `own`.
     #[inline(always)]
-    pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; KINDS]) {
-        self.part(radar);
-        for (k, _, part) in &mut self.parts {
-            let seen = if *k == radar { own } else { &[[0.0; 2]; KINDS] };
+    pub fn update(&mut self, plot: &Sighting, [east, north]: &Gain, own: &[[f64; 2]; KINDS]) {
+        self.of(plot.radar).direction = plot.axes[0].into();
+        for Effect { radar, part, .. } in &mut self.parts {
+            let seen = if *radar == plot.radar { own } else { &[[0.0; 2]; KINDS] };
             for j in 0..KINDS {
                 let row = &mut part[j];
                 let (a, b) = (seen[j][0] - row[0], seen[j][1] - row[1]);
@@ -317,16 +287,16 @@ impl Followed {
     #[inline(always)]
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
-        for (n, (k, _, part)) in self.parts.iter().enumerate() {
+        for (n, own) in self.parts.iter().enumerate() {
             // half of the diagonal block, and the whole of those above it
             let mut product = [[0.0; 4]; KINDS];
-            add_product(&mut product, errors.of(*k, *k), part);
+            add_product(&mut product, &errors.of(own, own), &own.part);
             product.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
-            for (other, _, second) in &self.parts[n + 1..] {
-                add_product(&mut product, errors.of(*k, *other), second);
+            for other in &self.parts[n + 1..] {
+                add_product(&mut product, &errors.of(own, other), &other.part);
             }
             for i in 0..4 {
-                let column = [part[0][i], part[1][i], part[2][i], part[3][i]];
+                let column = own.part.map(|row| row[i]);
                 sum[i] = combined(sum[i], &column, &product);
             }
         }
@@ -341,12 +311,14 @@ impl Followed {
     }
 
     /// Returns by how much the track moves if the errors of the radars increase by these values, in units of
-    /// the prior.
+    /// the prior; deviations in those of the azimuth.
     #[inline(always)]
     pub fn moved(&self, by: &[Errors]) -> [f64; 4] {
         let mut sum = [0.0; 4];
-        for (k, _, part) in &self.parts {
-            for (row, by) in part.iter().zip(&by[*k]) {
+        for Effect { radar, direction, part, .. } in &self.parts {
+            let mut by = by[*radar];
+            by[AZIMUTH] = azimuth_of(&by, *direction);
+            for (row, by) in part.iter().zip(by) {
                 for i in 0..4 {
                     sum[i] -= row[i] * by;
                 }
@@ -355,10 +327,10 @@ impl Followed {
         sum
     }
 
-    fn part(&mut self, radar: usize) -> &mut (usize, f64, Part) {
-        let at = self.parts.iter().position(|(k, ..)| *k == radar);
+    fn of(&mut self, radar: usize) -> &mut Effect {
+        let at = self.parts.iter().position(|own| own.radar == radar);
         let at = at.unwrap_or_else(|| {
-            self.parts.push((radar, f64::NEG_INFINITY, [[0.0; 4]; KINDS]));
+            self.parts.push(Effect::new(radar));
             self.parts.len() - 1
         });
         &mut self.parts[at]
@@ -415,11 +387,7 @@ fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
 
 /// Returns the displacement of a plot by each error, for an error of one unit of the prior.
 #[inline(always)]
-fn displaced(
-    seen: &Sighting,
-    velocity: [f64; 2],
-    unknowns: &[Option<(usize, f64)>; ERRORS],
-) -> [[f64; 2]; KINDS] {
+fn displaced(seen: &Sighting, velocity: [f64; 2], unknowns: &Unknown) -> [[f64; 2]; KINDS] {
     let [u, v] = seen.axes;
     let [along, across] = seen.constant(velocity.into());
     let mut moved = [[0.0; 2]; KINDS];

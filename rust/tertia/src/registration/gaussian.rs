@@ -27,6 +27,24 @@ impl Gaussian {
         Self { mean: DVector::zeros(order), covariance: DMatrix::identity(order, order), rates }
     }
 
+    /// Rearranges the errors: each has the place before that is given, or none if it is new.
+    pub fn rearrange(&mut self, before: &[Option<usize>], rates: Vec<f64>) {
+        let order = before.len();
+        let value = |i: usize| before[i].map_or(0.0, |place| self.mean[place]);
+        let mean = DVector::from_fn(order, |i, _| value(i));
+        let covariance = DMatrix::from_fn(order, order, |i, j| match (before[i], before[j]) {
+            (Some(row), Some(column)) => self.covariance[(row, column)],
+            _ if i == j => 1.0,
+            _ => 0.0,
+        });
+        *self = Self { mean, covariance, rates };
+    }
+
+    /// Rate at which an error forgets its value, 1/s.
+    pub fn rate(&self, column: usize) -> f64 {
+        self.rates[column]
+    }
+
     /// Lets the errors drift for some seconds. An error of which nothing is known remains as uncertain as the
     /// prior.
     pub fn drift(&mut self, seconds: f64) {

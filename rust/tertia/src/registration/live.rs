@@ -8,21 +8,23 @@ use super::alarm::Alarm;
 use super::block::Unknowns;
 use super::change::Scan;
 use super::clusters::Clusters;
+use super::effect::{Blocks, units};
 use super::exchange::{Update, Updates};
-use super::followed::{Blocks, Followed};
+use super::followed::Followed;
 use super::gaussian::Gaussian;
 use super::recording::{STATED, believed};
 use super::roster::Roster;
-use super::sighting::{CLOCK, ERRORS, Errors, KINDS, Report, Sighting};
+use super::sighting::{CLOCK, ERRORS, Errors, KINDS, Report, Sighting, azimuth_sigma};
 use super::targets::{TargetPlot, for_each, numbered, scans};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+mod deviation;
 mod learn;
 mod step;
 
@@ -65,6 +67,8 @@ pub struct Registrar {
     /// Estimate of the differences from these means, in units of the prior.
     known: Gaussian,
     clusters: Clusters,
+    /// Variances by which errors still differ between targets, in units of the prior; empty if they do not.
+    apart: DVector<f64>,
     /// Factor by which blocks overstate what is known of the errors.
     excess: f64,
     /// Clock errors by which plots are corrected, s.
@@ -77,6 +81,8 @@ pub struct Registrar {
     /// Standard deviations of the differences between the delays of targets, s; 0 where there are none.
     delays: Vec<f64>,
     time: f64,
+    /// Time at which targets are next searched for deviations of azimuths.
+    looked: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: Roster,
     /// Plots of the last scans that no confirmed track has taken.
@@ -88,7 +94,8 @@ pub struct Registrar {
 impl Registrar {
     /// Sets up a registrar of radars whose ranges may be `slant` if no height is known. `start` and `sigma`
     /// are the prior means and standard deviations of the errors, where a sigma of 0 means no error. Errors
-    /// drift back to the means at the rates `drift`, 1/s; 0: constant. Deviations of azimuths are not estimated.
+    /// drift back to the means at the rates `drift`, 1/s; 0: constant. Deviations of azimuths are estimated once
+    /// targets show that there are any.
     ///
     /// # Panics
     /// If the lengths differ.
@@ -111,6 +118,7 @@ impl Registrar {
             start,
             known: Gaussian::new(rates),
             clusters: Clusters::default(),
+            apart: DVector::zeros(0),
             excess: 1.0,
             factor: vec![[1.0; 2]; k],
             squares: vec![[0.0; 2]; k],
@@ -119,32 +127,12 @@ impl Registrar {
             alarms: vec![Alarm::default(); k],
             delays: vec![0.0; k],
             time: f64::NEG_INFINITY,
+            looked: f64::NEG_INFINITY,
             open: BTreeMap::new(),
             tracks: Roster::default(),
             loose: Vec::new(),
             recent: Vec::new(),
             changes: Vec::new(),
-        }
-    }
-
-    /// Starts from errors that are already known, with the covariance of those that are the same in all
-    /// directions, (4 K, 4 K).
-    ///
-    /// # Panics
-    /// If the lengths differ.
-    pub fn know(&mut self, errors: &[Errors], covariance: &[f64]) {
-        let order = KINDS * self.radars.len();
-        assert_eq!([errors.len(), covariance.len()], [self.radars.len(), order * order]);
-        let unknowns = self.unknowns();
-        for_each(&unknowns, |k, j, row, sigma| {
-            self.known.mean[row] = (errors[k][j] - self.start[k][j]) / sigma;
-            for_each(&unknowns, |l, i, column, other| {
-                let place = order * (KINDS * k + j) + KINDS * l + i;
-                self.known.covariance[(row, column)] = covariance[place] / (sigma * other);
-            });
-        });
-        for (clock, own) in self.clocks.iter_mut().zip(errors) {
-            *clock = own[CLOCK];
         }
     }
 
@@ -191,16 +179,18 @@ impl Registrar {
         found
     }
 
-    /// Returns the covariance of the errors, radar after radar, allowing for errors that are larger than
-    /// their prior says.
+    /// Returns the covariance of the errors that are the same in all directions, radar after radar, allowing for
+    /// errors that are larger than their prior says.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
         let order = KINDS * self.radars.len();
         let (relaxed, mut all) = (self.relaxed(), DMatrix::zeros(order, order));
         let unknowns = self.unknowns();
         for_each(&unknowns, |k, j, row, sigma| {
             for_each(&unknowns, |l, i, column, other| {
-                let place = (KINDS * k + j, KINDS * l + i);
-                all[place] = relaxed[(row, column)] * sigma * other;
+                if j < KINDS && i < KINDS {
+                    let place = (KINDS * k + j, KINDS * l + i);
+                    all[place] = relaxed[(row, column)] * sigma * other;
+                }
             });
         });
         all
@@ -249,7 +239,8 @@ impl Registrar {
     /// be tracked: the estimated noise, with the uncertainty of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
         let sigmas = self.roots(&self.known.covariance);
-        let one = |(k, [offset, gain, azimuth, clock, ..]): (usize, Errors)| {
+        let one = |(k, sigmas): (usize, Errors)| {
+            let ([offset, gain, _, clock, ..], azimuth) = (sigmas, azimuth_sigma(&sigmas));
             let late = 0.5 * (SPEED * clock).powi(2);
             let [range, angle] = self.own_noise(k);
             let unknown = offset.hypot(FAR * gain).powi(2) + late;
@@ -270,11 +261,11 @@ impl Registrar {
         let sigmas = self.roots(&self.known.covariance);
         assert_eq!(radars.len(), sigmas.len());
         let own = sigmas.iter().zip(radars).filter(|(_, is_radar)| **is_radar);
-        let (sum, count) =
-            own.fold((0.0, 0.0), |(sum, count), ([offset, gain, azimuth, ..], _)| {
-                let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
-                (sum + 0.5 * APART * place, count + 1.0)
-            });
+        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), (sigmas, _)| {
+            let ([offset, gain, ..], azimuth) = (sigmas, azimuth_sigma(sigmas));
+            let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
+            (sum + 0.5 * APART * place, count + 1.0)
+        });
         sum / f64::max(count, 1.0) / (SPEED * SPEED)
     }
 
@@ -308,7 +299,8 @@ impl Registrar {
     }
 
     /// Learns from blocks that end by a time. Returns the noise that was applied before, with and without the
-    /// uncertainty of the errors, and the changes of the errors in units of the prior.
+    /// uncertainty of the errors, and the changes of the errors in units of the prior; of deviations, in those of
+    /// the azimuth.
     fn begin<U: Updates>(&mut self, updates: &U, time: f64) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
@@ -323,13 +315,14 @@ impl Registrar {
         }
         self.time = self.time.max(time);
         self.step(&blocks, time);
-        let mut moved = vec![[0.0; ERRORS]; self.radars.len()];
+        let (mut moved, unknowns) = (vec![[0.0; ERRORS]; self.radars.len()], self.unknowns());
+        let units: Vec<Errors> = unknowns.iter().map(units).collect();
         // after a sudden change, the new errors are not those of the plots before
         if self.changes.len() == changes {
-            for_each(&self.unknowns(), |k, j, column, _| {
+            for_each(&unknowns, |k, j, column, _| {
                 // tracks follow a clock whose delays differ between targets by themselves
                 if j != CLOCK || self.delays[k] == 0.0 {
-                    moved[k][j] = self.known.mean[column] - before[column];
+                    moved[k][j] = units[k][j] * (self.known.mean[column] - before[column]);
                 }
             });
         }
@@ -395,13 +388,8 @@ impl Registrar {
     }
 
     /// Arranges this covariance of the errors, in units of the prior, by radars.
-    fn blocks(&self, covariance: &DMatrix<f64>) -> Blocks {
-        let unknowns = self.unknowns();
-        let columns: Vec<_> = unknowns
-            .iter()
-            .map(|own| std::array::from_fn(|j| own[j].map(|(column, _)| column)))
-            .collect();
-        Blocks::new(covariance, &columns)
+    fn blocks(&self, covariance: DMatrix<f64>) -> Blocks {
+        Blocks::new(&self.of_target(covariance), &self.unknowns())
     }
 
     /// Raises noise that has suddenly grown beyond the noise `used`, and counts plots that are far off.

@@ -18,6 +18,8 @@ const ROUNDS: usize = 4;
 /// Least standard deviations of the coefficients of a deviation of the azimuth, if there is one, rad; those of
 /// twice the azimuth are half as large.
 const DEVIATION: f64 = 1e-3;
+/// Standard deviations by which azimuth errors must differ between targets.
+const DIFFERENT: f64 = 3.0;
 /// Sudden changes that the first round allows for, in standard deviations of the prior.
 const FIRST: f64 = 10.0;
 
@@ -97,10 +99,15 @@ fn deviating(found: &Registered, prior: Prior<'_>) -> Option<Vec<Errors>> {
     let mut sigma = prior.sigma.to_vec();
     for (own, apart) in sigma.iter_mut().zip(&found.apart).filter(|(_, apart)| apart[AZIMUTH] > 0.0)
     {
-        let first = DEVIATION.max(apart[AZIMUTH].sqrt());
-        own[KINDS..].copy_from_slice(&[first, first, 0.5 * first, 0.5 * first]);
+        own[KINDS..].copy_from_slice(&of_deviation(apart[AZIMUTH].sqrt()));
     }
     (sigma != prior.sigma).then_some(sigma)
+}
+
+/// Returns standard deviations of the coefficients of a deviation, if azimuth errors of targets differ so much.
+pub(super) fn of_deviation(apart: f64) -> [f64; ERRORS - KINDS] {
+    let first = DEVIATION.max(apart);
+    [first, first, 0.5 * first, 0.5 * first]
 }
 
 /// Returns standard deviations of the prior as large as the errors, if these are clearly larger.
@@ -246,7 +253,7 @@ impl Rounds {
     fn widen(&mut self, clusters: &Clusters) {
         let mean = self.covariances.iter().sum::<DMatrix<f64>>() / self.covariances.len() as f64;
         if let Some(stated) = scaled(&mean, self.excess) {
-            self.apart = clusters.apart(&stated);
+            self.apart = clusters.apart(&stated, DIFFERENT);
             self.excess = clusters.excess(&stated).unwrap_or(self.excess);
         }
     }

@@ -54,14 +54,22 @@ pub struct Report {
 }
 
 /// Sine and cosine of an azimuth, and of twice the azimuth.
-fn harmonics([sine, cosine]: [f64; 2]) -> [f64; ERRORS - KINDS] {
+#[inline(always)]
+pub(super) fn harmonics([sine, cosine]: [f64; 2]) -> [f64; ERRORS - KINDS] {
     [sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine]
 }
 
 /// Azimuth error in the direction with these sine and cosine, rad.
+#[inline(always)]
 pub(super) fn azimuth_of(errors: &Errors, direction: [f64; 2]) -> f64 {
     let own = harmonics(direction).into_iter().zip(&errors[KINDS..]);
     errors[AZIMUTH] + own.map(|(harmonic, coefficient)| harmonic * coefficient).sum::<f64>()
+}
+
+/// Standard deviation of the azimuth error in any direction, from those of all errors, rad.
+pub(super) fn azimuth_sigma(sigmas: &Errors) -> f64 {
+    let deviation: f64 = sigmas[KINDS..].iter().map(|sigma| sigma * sigma).sum();
+    (sigmas[AZIMUTH] * sigmas[AZIMUTH] + 0.5 * deviation).sqrt()
 }
 
 impl Report {

@@ -5,6 +5,7 @@
 //! most of the tracks agree, the errors of the radar have changed; the targets would not all move alike. Cost
 //! O(tracks) if no radar misses many of its tracks; else O(V²) for V votes, of 200 tracks at most.
 
+use super::effect::Effect;
 use super::followed::Followed;
 use super::sighting::Report;
 use crate::base::angle::median;
@@ -45,10 +46,10 @@ pub(super) fn suspects<'a>(
     let earliest = limits.iter().map(|[covered, _]| *covered).fold(f64::INFINITY, f64::min);
     let mut counts = vec![[0; 2]; radars.len()];
     for track in tracks.filter(|track| track.time >= earliest) {
-        for &(k, last, _) in &track.parts {
-            let [covered, since] = limits[k];
-            counts[k][0] += usize::from(last >= covered);
-            counts[k][1] += usize::from(last >= since);
+        for &Effect { radar, time: last, .. } in &track.parts {
+            let [covered, since] = limits[radar];
+            counts[radar][0] += usize::from(last >= covered);
+            counts[radar][1] += usize::from(last >= since);
         }
     }
     counts.into_iter().map(|[covered, seen]| is_suspect(covered, seen)).collect()

@@ -1,7 +1,8 @@
 use super::*;
+use crate::registration::effect::units;
 use crate::registration::sighting::tests::{PRIOR, radar};
-use crate::registration::sighting::{Report, Sighting};
-use nalgebra::{Matrix2, Matrix4, Matrix4x2};
+use crate::registration::sighting::{ERRORS, Report, Sighting};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Matrix4x2};
 
 const OWN: [f64; 2] = [60.0, 80.0];
 const WIDE: [f64; 2] = [130.0, 110.0];
@@ -87,11 +88,18 @@ fn a_covariance_keeps_the_share_of_the_noise() {
     assert!(least >= 0.5e3 * (60.0_f64 / 130.0).powi(2) - 1e-6, "{least}");
 }
 
+/// Plot of a radar in some direction.
+fn plot(number: usize, azimuth: f64) -> Sighting {
+    let (time, range, height) = (0.0, 5e4, f64::NAN);
+    let report = Report { radar: number, time, range, azimuth, height, place: None };
+    Sighting::new(&report, 0.0, &radar([0.0; 3], 50.0, 0.08), [1.0; 2]).unwrap()
+}
+
 #[test]
 fn a_track_moves_with_the_errors() {
     let mut track = Followed::new(0.0);
     let own = [[100.0, 0.0], [0.0, 50.0], [0.0; 2], [0.0; 2]];
-    track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
+    track.update(&plot(1, 0.0), &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
     let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0, 0.0, 0.0, 0.0, 0.0]];
     // the larger offset was part of the position
     assert_eq!(track.moved(&by), [-100.0, 25.0, -20.0, 5.0]);
@@ -108,7 +116,7 @@ fn no_gain_goes_beyond_the_plot() {
     let mut track = Followed::new(0.0);
     for _ in 0..20 {
         track.correct(&seen, [OWN, OWN], (&covariance, None), [0.0; 2], &unknowns, 4.0);
-        let offset = track.parts[0].2[0];
+        let offset = track.parts[0].part[0];
         assert!((0.0..=PRIOR[0] * (1.0 + 1e-9)).contains(&offset[1]), "{offset:?}");
     }
 }
@@ -133,9 +141,54 @@ fn effects_of_errors_do_not_grow() {
         track.see(4.0 * f64::from(n), 0, [0.0; 2], [0.0; 2]);
     }
     // the displacement of the plot by the azimuth, 2 km away
-    let (effect, displaced) = (track.parts[0].2[2], 2e3 * PRIOR[2]);
+    let (effect, displaced) = (track.parts[0].part[2], 2e3 * PRIOR[2]);
     assert!((effect[0] - displaced).abs() < 1e-6 * displaced, "{effect:?}");
     assert!(effect[2].abs() < 1e-6 * displaced, "{effect:?}");
+}
+
+/// A deviation is an azimuth error that depends on the direction.
+#[test]
+fn deviations_of_azimuths() {
+    let own = [[0.0; 2], [0.0; 2], [30.0, -60.0], [0.0; 2]];
+    let mut track = Followed::new(0.0);
+    let (first, second) = (0.7_f64, 2.0_f64);
+    track.update(&plot(0, first), &[[1.0, 0.0, 0.2, 0.0], [0.0, 1.0, 0.0, 0.2]], &own);
+    track.update(&plot(1, second), &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
+    // the azimuth and its deviation, half as uncertain, of each radar
+    let sigmas = [0.0, 0.0, 2.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+    let unknown = |first| {
+        let mut next = first..;
+        sigmas.map(|sigma| (sigma > 0.0).then(|| (next.next().unwrap(), sigma)))
+    };
+    let unknowns = vec![unknown(0), unknown(5)];
+    let root = DMatrix::from_fn(10, 10, |i, j| ((3 * i + 7 * j) % 11) as f64 / 11.0);
+    let covariance = &root * root.transpose();
+    let direction = |azimuth: f64| {
+        let (twice, weight) = (2.0 * azimuth, 0.5);
+        let harmonics = [azimuth.sin(), azimuth.cos(), twice.sin(), twice.cos()];
+        [&[1.0][..], &harmonics.map(|value| weight * value)].concat()
+    };
+    let (mut effects, mut by) = (DMatrix::zeros(4, 10), vec![[0.0; ERRORS]; 2]);
+    for (k, azimuth) in [first, second].into_iter().enumerate() {
+        for (j, weight) in direction(azimuth).into_iter().enumerate() {
+            for i in 0..4 {
+                effects[(i, 5 * k + j)] = track.parts[k].part[2][i] * weight;
+            }
+        }
+        let steps = [0.0, 0.0, 1.0, 0.0, 0.5, 1.0, 1.5, 2.0];
+        by[k] = std::array::from_fn(|j| units(&unknowns[k])[j] * steps[j]);
+    }
+    let expected = &effects * &covariance * effects.transpose();
+    let added = track.added(&Blocks::new(&covariance, &unknowns));
+    let moved = track.moved(&by);
+    let steps = DVector::from_fn(10, |i, _| [1.0, 0.5, 1.0, 1.5, 2.0][i % 5]);
+    let change = &effects * steps;
+    for i in 0..4 {
+        assert!((moved[i] + change[i]).abs() < 1e-9 * change.amax(), "{i} {moved:?}");
+        for j in 0..4 {
+            assert!((added[4 * i + j] - expected[(i, j)]).abs() < 1e-9 * expected.amax());
+        }
+    }
 }
 
 #[test]
@@ -147,18 +200,19 @@ fn errors_of_radars_are_correlated() {
         covariance[(j, KINDS + j)] = correlation * variance;
         covariance[(KINDS + j, j)] = correlation * variance;
     }
-    let columns = [0, KINDS].map(|first| std::array::from_fn(|j| Some(first + j)));
+    let unknown = |first| std::array::from_fn(|j| (j < KINDS).then(|| (first + j, 1.0)));
+    let unknowns = vec![unknown(0), unknown(KINDS)];
     let mut track = Followed::new(0.0);
     let own = [[100.0, 0.0], [0.0, 50.0], [30.0, -60.0], [20.0, 10.0]];
-    track.update(0, &[[1.0, 0.0, 0.2, 0.0], [0.0, 1.0, 0.0, 0.2]], &own);
-    track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
+    track.update(&plot(0, 0.0), &[[1.0, 0.0, 0.2, 0.0], [0.0, 1.0, 0.0, 0.2]], &own);
+    track.update(&plot(1, 0.0), &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
     let [first, second] = [0, 1].map(|k| {
-        let part = track.parts[k].2;
+        let part = track.parts[k].part;
         Matrix4::from_fn(|i, j| part[j][i])
     });
     let alone = variance * (first * first.transpose() + second * second.transpose());
     let both = correlation * variance * (first * second.transpose() + second * first.transpose());
-    let added = track.added(&Blocks::new(&covariance, &columns));
+    let added = track.added(&Blocks::new(&covariance, &unknowns));
     for (place, added) in added.into_iter().enumerate() {
         let (i, j) = (place / 4, place % 4);
         assert!((added - alone[(i, j)] - both[(i, j)]).abs() < 1e-9, "{i} {j} {added}");

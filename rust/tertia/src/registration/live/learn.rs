@@ -4,8 +4,9 @@ use super::{FORGOTTEN, Registrar};
 use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use crate::registration::block::Unknowns;
+use crate::registration::effect::Blocks;
 use crate::registration::exchange::{Changed, Update, Updates};
-use crate::registration::followed::{self, Blocks, Followed};
+use crate::registration::followed::{self, Followed};
 use crate::registration::settled::Settled;
 use crate::registration::sighting::{Errors, Report, Sighting};
 use crate::registration::targets::scans;
@@ -37,7 +38,7 @@ impl Registrar {
     ) -> Vec<(i64, f64, [f64; 4])> {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
-        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.exceeded()));
+        let (unknowns, errors) = (self.unknowns(), self.blocks(self.exceeded()));
         Arch::new().dispatch(Rows {
             registrar: self,
             updates,
@@ -50,6 +51,7 @@ impl Registrar {
         self.forget(time, alive);
         let tracks = self.shift(&moved);
         self.end(loose, time);
+        self.deviate(time);
         tracks
     }
 
@@ -70,7 +72,7 @@ impl Registrar {
         let rows = InOrder::new(targets);
         let cost = FOLLOWED_NS * rows.count() as f64;
         let (applied, moved) = self.begin(&rows, time);
-        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.relaxed()));
+        let (unknowns, errors) = (self.unknowns(), self.blocks(self.relaxed()));
         let mut runs: Vec<_> = Vec::with_capacity(targets.len());
         for rows in targets {
             let Some(first) = rows.first().map(|first| &first.plot) else { continue };

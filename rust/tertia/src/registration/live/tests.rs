@@ -49,7 +49,7 @@ fn what_the_errors_add_to_a_track() {
         [0.5 * own[0], 0.5 * own[1]]
     });
     let mut track = Followed::new(0.0);
-    track.update(0, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
+    track.update(&seen, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
     let place = registrar.tracks.place(1, || 0.0);
     *registrar.tracks.at(place.0) = track;
     // the predicted covariance, corrected by the plot
@@ -79,7 +79,8 @@ fn what_the_errors_add_to_a_track() {
         innovation_covariance,
         other: None,
     };
-    let (unknowns, errors) = (registrar.unknowns(), registrar.blocks(&registrar.known.covariance));
+    let (unknowns, errors) =
+        (registrar.unknowns(), registrar.blocks(registrar.known.covariance.clone()));
     let added = registrar.carry(&update, (place.0, false), &stated, &unknowns).added(&errors);
     close(added[0] + corrected[(0, 0)], 1020.719237257);
     close(added[1] + corrected[(0, 1)], 20.87698829836);
@@ -92,7 +93,7 @@ fn what_the_errors_add_to_a_track() {
     ];
     for (i, row) in expected.iter().enumerate() {
         for (j, value) in row.iter().enumerate() {
-            close(registrar.tracks.at(place.0).parts[0].2[j][i], *value);
+            close(registrar.tracks.at(place.0).parts[0].part[j][i], *value);
         }
     }
 }

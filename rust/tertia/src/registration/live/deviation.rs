@@ -1,0 +1,103 @@
+//! Deviations of azimuths with the direction, once targets show that there are any.
+
+use super::Registrar;
+use crate::registration::gaussian::scaled;
+use crate::registration::recording::of_deviation;
+use crate::registration::sighting::{AZIMUTH, CLOCK, ERRORS, Errors, KINDS};
+use crate::registration::targets::for_each;
+use nalgebra::DMatrix;
+
+/// Time between searches for deviations, s.
+const LOOK: f64 = 30.0;
+/// Standard deviations by which azimuth errors must differ between targets, which are compared again and again;
+/// and those for differences beside the deviations, once these are estimated.
+const DIFFERENT: f64 = 6.0;
+const BESIDE: f64 = 3.0;
+
+impl Registrar {
+    /// Starts from errors that are already known, with their covariance: (8 K, 8 K), or (4 K, 4 K) if no azimuth
+    /// deviates.
+    ///
+    /// # Panics
+    /// If the lengths differ.
+    pub fn know(&mut self, errors: &[Errors], covariance: &[f64]) {
+        let radars = self.radars.len();
+        let kinds = if covariance.len() == (ERRORS * radars).pow(2) { ERRORS } else { KINDS };
+        let order = kinds * radars;
+        assert_eq!([errors.len(), covariance.len()], [radars, order * order]);
+        if kinds == ERRORS {
+            self.allow_deviations(|k| {
+                let variance = |j: usize| covariance[(order + 1) * (ERRORS * k + j)];
+                let size = |j: usize| errors[k][j].abs().max(variance(j).sqrt());
+                (variance(KINDS) > 0.0).then(|| (KINDS..ERRORS).map(size).fold(0.0, f64::max))
+            });
+        }
+        let unknowns = self.unknowns();
+        for_each(&unknowns, |k, j, row, sigma| {
+            self.known.mean[row] = (errors[k][j] - self.start[k][j]) / sigma;
+            for_each(&unknowns, |l, i, column, other| {
+                if j < kinds && i < kinds {
+                    let place = order * (kinds * k + j) + kinds * l + i;
+                    self.known.covariance[(row, column)] = covariance[place] / (sigma * other);
+                }
+            });
+        });
+        for (clock, own) in self.clocks.iter_mut().zip(errors) {
+            *clock = own[CLOCK];
+        }
+    }
+
+    /// Compares the azimuth errors of targets. If they differ, deviations are estimated from now on; what the
+    /// blocks so far say of the errors is forgotten, as it was learnt without deviations.
+    pub(super) fn deviate(&mut self, time: f64) {
+        if time < self.looked + LOOK {
+            return;
+        }
+        self.looked = time;
+        let Some(stated) = scaled(&self.known.covariance, self.excess) else { return };
+        let deviates = self.deviates();
+        self.apart = self.clusters.apart(&stated, if deviates { BESIDE } else { DIFFERENT });
+        if deviates || self.apart.iter().all(|variance| *variance == 0.0) {
+            return;
+        }
+        let (unknowns, apart) = (self.unknowns(), std::mem::take(&mut self.apart));
+        self.allow_deviations(|k| {
+            let (column, sigma) = unknowns[k][AZIMUTH]?;
+            (apart[column] > 0.0).then(|| sigma * apart[column].sqrt())
+        });
+        let order = self.known.mean.len();
+        self.known.covariance = DMatrix::identity(order, order);
+        self.excess = 1.0;
+        self.clusters.clear();
+        self.recent.clear();
+    }
+
+    /// Returns a covariance of the errors, in units of the prior, at a target instead of the mean over all targets.
+    pub(super) fn of_target(&self, mut covariance: DMatrix<f64>) -> DMatrix<f64> {
+        for (column, variance) in self.apart.iter().enumerate() {
+            covariance[(column, column)] += variance;
+        }
+        covariance
+    }
+
+    /// Whether deviations are estimated.
+    fn deviates(&self) -> bool {
+        self.sigma.iter().any(|own| own[KINDS] > 0.0)
+    }
+
+    /// Adds the deviation to the unknown errors of radars for which `size` gives its standard deviation.
+    fn allow_deviations(&mut self, size: impl Fn(usize) -> Option<f64>) {
+        let (before, radars) = (self.unknowns(), self.radars.len());
+        for (k, size) in (0..radars).filter_map(|k| Some((k, size(k)?))) {
+            self.sigma[k][KINDS..].copy_from_slice(&of_deviation(size));
+        }
+        let (mut places, mut rates) = (Vec::new(), Vec::new());
+        for_each(&self.unknowns(), |k, j, _, _| {
+            let [own, azimuth] = [j, AZIMUTH].map(|j| before[k][j].map(|(column, _)| column));
+            places.push(own);
+            // a deviation drifts as the azimuth error does
+            rates.push(own.or(azimuth).map_or(0.0, |column| self.known.rate(column)));
+        });
+        self.known.rearrange(&places, rates);
+    }
+}
