@@ -11,8 +11,11 @@ use nalgebra::DMatrix;
 const LOOK: f64 = 30.0;
 /// Standard deviations by which azimuth errors must differ between targets, which are compared again and again;
 /// and those for differences beside the deviations, once these are estimated.
-const DIFFERENT: f64 = 6.0;
+const DIFFERENT: f64 = 5.0;
 const BESIDE: f64 = 3.0;
+/// Least standard deviation between targets, over that of the noise of azimuths: turns and other motions of which
+/// blocks are not aware cause smaller differences.
+const LEAST: f64 = 0.2;
 
 impl Registrar {
     /// Starts from errors that are already known, with their covariance: (8 K, 8 K), or (4 K, 4 K) if no azimuth
@@ -61,10 +64,19 @@ impl Registrar {
             return;
         }
         let (unknowns, apart) = (self.unknowns(), std::mem::take(&mut self.apart));
-        self.allow_deviations(|k| {
+        let size = |k: usize| {
             let (column, sigma) = unknowns[k][AZIMUTH]?;
             (apart[column] > 0.0).then(|| sigma * apart[column].sqrt())
-        });
+        };
+        let (mut sum, mut noise) = (0.0, 0.0);
+        for (k, size) in (0..unknowns.len()).filter_map(|k| Some((k, size(k)?))) {
+            sum += size;
+            noise += self.own_noise(k)[1];
+        }
+        if sum < LEAST * noise {
+            return;
+        }
+        self.allow_deviations(size);
         let order = self.known.mean.len();
         self.known.covariance = DMatrix::identity(order, order);
         self.excess = 1.0;
