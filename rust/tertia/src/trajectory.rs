@@ -366,14 +366,16 @@ impl States {
         if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
             lasting::add_deviation(setting, found, sigma, motion, &mut covariance)?;
         }
+        let biases = effect.and_then(Effect::biases);
         if let Some(sigma) = record.surveys {
-            survey::add_errors(setting, found, sigma, motion, &mut covariance)?;
+            survey::add_errors(setting, found, (sigma, biases), motion, &mut covariance)?;
         }
         if record.speed_sigma > 0.0 {
-            speed::add_error(setting, found, record.speed_sigma, motion, &mut covariance)?;
+            let sigma = record.speed_sigma;
+            speed::add_error(setting, found, (sigma, biases), motion, &mut covariance)?;
         }
         if let Some(wind) = &record.wind {
-            speed::add_wind(setting, found, wind, motion, &mut covariance)?;
+            speed::add_wind(setting, found, (wind, biases), motion, &mut covariance)?;
         }
         setting.smoother.separates = false;
         Ok(Self { best, innovation, random, covariance })
@@ -393,6 +395,14 @@ impl Effect<'_> {
         match self {
             Self::Biases(..) => None,
             Self::Lasting(lasting, _) => lasting.noise(),
+        }
+    }
+
+    /// Constant biases of which nothing was known.
+    fn biases(&self) -> Option<&Biases> {
+        match self {
+            Self::Biases(biases, _) => Some(biases),
+            Self::Lasting(..) => None,
         }
     }
 

@@ -31,6 +31,8 @@ pub(super) struct Biases {
     pub columns: Vec<usize>,
     pub values: DVector<f64>,
     pub covariance: DMatrix<f64>,
+    /// Change of the values by a change of their scores.
+    inverse: DMatrix<f64>,
     /// Shifts of the positions by biases of 1, (P, N, D), nan where unknown, and the covariances of the
     /// positions (N, D, D).
     responses: Vec<Vec<f64>>,
@@ -63,11 +65,13 @@ impl Biases {
         }
         let spurious = spurious(record, found, &weight, columns);
         let size = size.map(f64::sqrt);
-        let inverse = inverted(&information, &spurious, &size, columns)? / slope;
+        let linear = inverted(&information, &spurious, &size, columns)?;
+        let inverse = &linear / slope;
         let values = &inverse * scores;
         let covariance = covariance(record, &instants, &inverse, &values);
         let (responses, spread) = responses(&instants, p);
-        Ok(Self { columns: columns.to_vec(), values, covariance, responses, spread })
+        let columns = columns.to_vec();
+        Ok(Self { columns, values, covariance, inverse: linear, responses, spread })
     }
 
     /// Adds the biases of the rounds before, which were removed from the measurements.
@@ -96,6 +100,15 @@ impl Biases {
             }
         }
         removed
+    }
+
+    /// Subtracts the effect of biases that errors with these scores cause from the shifts of the positions
+    /// (N, D).
+    pub fn remove_from_shifts(&self, scores: &DVector<f64>, shift: &mut [f64]) {
+        let values = &self.inverse * scores;
+        for (response, value) in self.responses.iter().zip(&values) {
+            shift.iter_mut().zip(response).for_each(|(own, one)| *own -= value * one);
+        }
     }
 
     /// Adds the effect of the uncertainty of the biases to the covariance of the states (N, 3D, 3D).

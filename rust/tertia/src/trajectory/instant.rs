@@ -119,6 +119,16 @@ impl<const D: usize> Instant<D> {
         }
     }
 
+    /// Adds the scores of the biases that errors of the columns cause to `sum`.
+    pub fn add_scores(&self, errors: &[f64], sum: &mut DVector<f64>) {
+        let p = self.solution.len();
+        for (kept, (column, w, ..)) in self.kept.chunks_exact(p.max(1)).zip(&self.rows) {
+            for a in 0..p {
+                sum[a] += kept[a] * w * errors[*column];
+            }
+        }
+    }
+
     /// Returns the residuals less the parts that the position and these biases explain.
     pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
         let mut moved = [0.0; D];

@@ -1,7 +1,7 @@
 //! Effect of an error of the propagation speed and of an unknown wind, the same at all instants, on the
 //! covariance.
 
-use super::bias::{add_covariance, smoothed, weights};
+use super::bias::{Biases, add_covariance, smoothed, weights};
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::measured::Measured;
@@ -16,7 +16,7 @@ use nalgebra::DMatrix;
 pub(super) fn add_error<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
-    sigma: f64,
+    (sigma, biases): (f64, Option<&Biases>),
     motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
@@ -28,7 +28,7 @@ pub(super) fn add_error<const D: usize, const N: usize>(
     }
     let measured = Measured::<D>::new(record, values);
     let (weight, _) = weights(record, found, &found.lasting(record));
-    let (response, spread) = shifts(record, found, &measured, &weight);
+    let (response, spread) = shifts(record, found, &measured, &weight, biases);
     let means = smoothed(setting, &[response], &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(1, 1), covariance);
     Ok(())
@@ -41,7 +41,7 @@ pub(super) fn add_error<const D: usize, const N: usize>(
 pub(super) fn add_wind<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
-    wind: &[[f64; 2]; 2],
+    (wind, biases): (&[[f64; 2]; 2], Option<&Biases>),
     motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
@@ -61,7 +61,7 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
             }
         }
         let measured = Measured::<D>::new(record, values);
-        let (response, inverse) = shifts(record, found, &measured, &weight);
+        let (response, inverse) = shifts(record, found, &measured, &weight, biases);
         responses.push(response);
         spread = inverse;
     }

@@ -1,6 +1,6 @@
 //! Survey errors of the stations, which are the same at all instants.
 
-use super::bias::{add_covariance, smoothed, weights};
+use super::bias::{Biases, add_covariance, smoothed, weights};
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::instant::{Instant, responses};
@@ -8,14 +8,15 @@ use super::measured::{Measured, Record};
 use crate::base::small::dot;
 use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Adds to the covariance of the states (N, 3D, 3D) the effect of survey errors; `sigma` (K) holds their
-/// standard deviations in each coordinate of the stations. O(N K²).
+/// standard deviations in each coordinate of the stations. Biases were estimated from stations at their wrong
+/// positions. O(N K²).
 pub(super) fn add_errors<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
-    sigma: &[f64],
+    (sigma, biases): (&[f64], Option<&Biases>),
     motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
@@ -29,7 +30,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
             let own = moved::<D>(record, station * D + axis, sigma[station]);
             let record = Record { stations: &own, ..*record };
             let measured = Measured::<D>::new(&record, found.measured.values.clone());
-            let (response, inverse) = shifts(&record, found, &measured, &weight);
+            let (response, inverse) = shifts(&record, found, &measured, &weight, biases);
             moves.push(response);
             spread = inverse;
         }
@@ -71,17 +72,20 @@ fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec
 }
 
 /// Returns by how much the positions move (N, D) if `measured` replaces the measurements and stations, and
-/// the covariances of the positions (N, D, D).
+/// the covariances of the positions (N, D, D). Biases that were estimated from the measurements move, too.
 pub(super) fn shifts<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
     measured: &Measured<D>,
     weight: &[f64],
+    biases: Option<&Biases>,
 ) -> (Vec<f64>, Vec<f64>) {
+    let columns = biases.map_or(&[][..], |own| &own.columns);
     let instants: Vec<Instant<D>> =
-        (0..record.len()).map(|t| found.instant(t, weight, &[])).collect();
+        (0..record.len()).map(|t| found.instant(t, weight, columns)).collect();
     let (_, spread) = responses(&instants, 0);
     let mut shift = vec![f64::NAN; record.len() * D];
+    let mut scores = DVector::zeros(columns.len());
     for (t, instant) in instants.iter().enumerate() {
         let place = found.place(t);
         let Some(inverse) = instant.inverse else { continue };
@@ -91,6 +95,7 @@ pub(super) fn shifts<const D: usize, const N: usize>(
             let error = (there.residual - here.residual) / measured.precision(m);
             errors[measured.column[m]] = error;
         }
+        instant.add_scores(&errors, &mut scores);
         let mut pull = [0.0; D];
         for (column, w, _, gradient, _) in &instant.rows {
             for i in 0..D {
@@ -100,6 +105,9 @@ pub(super) fn shifts<const D: usize, const N: usize>(
         for i in 0..D {
             shift[t * D + i] = (0..D).map(|j| inverse[i][j] * pull[j]).sum();
         }
+    }
+    if let Some(biases) = biases {
+        biases.remove_from_shifts(&scores, &mut shift);
     }
     (shift, spread)
 }
