@@ -175,7 +175,7 @@ def filter_series(
         scalar_or_array(likelihood),
         scalar_or_array(count),
         last_upper if store == "final" else upper,
-        np.broadcast_to(variance, batch["z"].shape),
+        np.broadcast_to(variance.copy(), batch["z"].shape),
     )
 
 

@@ -47,8 +47,8 @@ class Emitter:
                 "and (N, K)"
             )
         object.__setattr__(self, "name", str(name))
-        object.__setattr__(self, "time", instants)
-        object.__setattr__(self, "azimuth", bearings)
+        object.__setattr__(self, "time", np.array(instants))
+        object.__setattr__(self, "azimuth", np.array(bearings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

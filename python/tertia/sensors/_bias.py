@@ -204,13 +204,13 @@ class Bias(Result):
         if deviation is None:
             curve = np.zeros((*shape, 2 * order) if order > 0 else 0)
         else:
-            curve = finite(deviation, "deviation")
+            curve = np.array(finite(deviation, "deviation"))
         curve = np.radians(curve) if degrees and deviation is not None else curve
         spread = deviation_covariance
         if spread is not None and shape != ():
             raise ValueError("deviation_covariance is for one sensor; the fields are of several")
         if spread is not None:
-            spread = finite(spread, "deviation_covariance")
+            spread = np.array(finite(spread, "deviation_covariance"))
         for key, array, size in (
             ("deviation", curve, (*shape, 2 * order) if order > 0 else (0,)),
             ("deviation_covariance", spread, (2 * order + 1,) * 2),

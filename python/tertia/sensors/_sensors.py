@@ -118,7 +118,7 @@ class Station:
         name: str | None = None,
         degrees: bool = False,
     ) -> None:
-        place = finite(position, "position")
+        place = np.array(finite(position, "position"))
         require_dimension(place, "position", "(..., 2) or (..., 3)")
         sigmas = {
             "range_sigma": range_sigma,
@@ -231,7 +231,7 @@ class Radar:
         frame: SystemPlane | None = None,
         degrees: bool = False,
     ) -> None:
-        place = finite(position, "position")
+        place = np.array(finite(position, "position"))
         if frame is not None and not hasattr(frame, "scale_and_convergence"):
             raise TypeError(f"frame is {frame!r}; it must be a SystemPlane")
         if place.shape not in {(2,), (3,)}:
@@ -449,7 +449,7 @@ def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
 
 def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
     """Return the axes of a station, after checking them."""
-    array = finite(axes, "axes")
+    array = np.array(finite(axes, "axes"))
     d = place.shape[-1]
     if array.ndim < 2 or array.shape[-2:] != (d, d):
         raise ValueError(f"axes has shape {array.shape}; it must be (..., {d}, {d})")

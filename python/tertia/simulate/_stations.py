@@ -206,7 +206,7 @@ def stations(
     Location([1000.74 ± 14.7, 2003.78 ± 14.6], 0 of 4 faulty)
     """
     places, axes, sigmas = stack_stations(stations)
-    target = finite(position, "position")
+    target = finite(position, "position").copy()
     d = places.shape[-1]
     _require(target.shape[-1:] == (d,), "position", target.shape, f"of shape (..., {d})")
     outlier_probability = _number(outlier_probability, "outlier_probability", 0, 1)

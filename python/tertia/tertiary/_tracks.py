@@ -138,7 +138,8 @@ class SensorTracks(Result):
         for key, (values, tail) in columns.items():
             shape = (len(instants), *tail)
             try:
-                column = np.ascontiguousarray(np.broadcast_to(values, shape))
+                # a copy, so that the caller's array may change
+                column = np.array(np.broadcast_to(values, shape), order="C")
             except ValueError:
                 raise ValueError(f"{key} has shape {values.shape}; it must be {shape}") from None
             object.__setattr__(self, key, column)

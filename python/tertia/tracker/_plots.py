@@ -167,7 +167,8 @@ class Plots(Result):
             try:
                 same = values.shape == instants.shape
                 column = values if same else np.broadcast_to(values, instants.shape)
-                column = np.ascontiguousarray(column)
+                # a copy, so that the caller's array may change
+                column = np.array(column, order="C")
             except ValueError:
                 raise ValueError(
                     f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
@@ -336,4 +337,4 @@ def _rows(value: npt.ArrayLike | None, name: str, shape: tuple[int, ...]) -> Flo
         raise ValueError(f"{name} has shape {array.shape}; it must be {shape}, a row per plot")
     if len(shape) > 2 and not np.allclose(array, array.swapaxes(1, 2), equal_nan=True):
         raise ValueError(f"{name} is not symmetric")
-    return np.ascontiguousarray(array)
+    return np.array(array, order="C")

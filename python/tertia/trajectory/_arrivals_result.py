@@ -65,9 +65,10 @@ class Arrivals(Result):
         instants = finite(time, "time")
         if instants.ndim != 1 or instants.size == 0:
             raise ValueError(f"time has shape {instants.shape}; it must be (n,) and not empty")
-        names = array_of(identity, "identity")
+        # copies, so that the caller's arrays may change
+        names = np.array(array_of(identity, "identity"))
         columns = {
-            "time": instants,
+            "time": np.array(instants),
             "sensor": _numbers(sensor, "sensor"),
             "identity": names,
             "emission": None if emission is None else _numbers(emission, "emission", least=-1),

@@ -305,7 +305,7 @@ def reconstruct(
         jerk=jerk,
         bias=bias,
     )
-    times = instants_of(time)
+    times = instants_of(time).copy()
     places, axes, sigmas = _places(stations, len(times))
     k = places.shape[-2]
     stated = (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma)
