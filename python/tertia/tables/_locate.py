@@ -41,6 +41,7 @@ from tertia.tables._positions import (
 )
 from tertia.tables._sensors import Sensors
 from tertia.tables._station_clocks import doubt_station_clocks
+from tertia.tables._station_times import doubt_station_times
 from tertia.tables._times import Clock
 
 # at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
@@ -224,6 +225,7 @@ def locations_of(
         doubt_instants(target)
     _doubt_groups(targets, options)
     doubt_conventions(targets, options)
+    doubt_station_times(targets)
     doubt_station_clocks(targets)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk

@@ -33,6 +33,7 @@ from tertia.tables._positions import (
 )
 from tertia.tables._sensors import Sensors
 from tertia.tables._station_clocks import doubt_station_clocks
+from tertia.tables._station_times import doubt_station_times
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
@@ -163,6 +164,7 @@ def paths_of(
     if alone and all(one.heights is None for one in targets):
         raise ValueError("height is missing; height and height_sigma belong together")
     doubt_conventions(targets, options)
+    doubt_station_times(targets)
     doubt_station_clocks(targets, options.get("bias"))
     paths = each_of(progress(targets), lambda one: _path(one, stations, options))
     return Positions(paths, stations)
