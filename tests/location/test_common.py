@@ -111,13 +111,24 @@ def test_what_is_left_as_it_was() -> None:
     rng = np.random.default_rng(6)
     path, emitter = drive(rng, 30, curved=True)
     azimuth = bearings(rng, path, emitter, 0.0)
-    nameless = locate(stations(path, None), azimuth=azimuth)
+    with pytest.warns(UserWarning, match="lie along a path"):
+        nameless = locate(stations(path, None), azimuth=azimuth)
     each = [Station(place, azimuth_sigma=SIGMA, name=str(k)) for k, place in enumerate(path)]
     np.testing.assert_array_equal(locate(each, azimuth=azimuth).covariance, nameless.covariance)
     exact = locate(stations(path, "car"), azimuth=azimuth, bias=Bias())
     np.testing.assert_array_equal(
         exact.covariance, locate(stations(path, None), azimuth=azimuth, bias=Bias()).covariance
     )
+
+
+def test_places_without_names_along_a_path_are_doubted() -> None:
+    rng = np.random.default_rng(6)
+    path, emitter = drive(rng, 12, curved=False)
+    azimuth = bearings(rng, path, emitter, SIGMA)
+    with pytest.warns(UserWarning, match="one sensor that moves"):
+        locate(path, azimuth=azimuth, azimuth_sigma=SIGMA)
+    for some in (rng.permutation(12), np.arange(5)):
+        locate(path[some], azimuth=azimuth[some], azimuth_sigma=SIGMA)
 
 
 def test_an_error_is_no_full_circle() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,14 @@ _ROUNDS, _FALL = 4, 12.0
 _NONE = 0.25
 # times that the errors of several sensors are found in turn
 _TURNS = 3
+# least number of places along a path; mean and largest distance of successive ones, relative to the
+# mean distance of all
+_PLACES, _STEP, _LARGEST = 6, 0.5, 0.7
+_ONE_SENSOR = (
+    "the stations lie along a path in their order, and none has a name: if they are one sensor "
+    "that moves, give all of them the same name (Station(..., name=)), and the error of its "
+    "azimuths is estimated; otherwise, give each a name of its own"
+)
 
 # results of the core, as `location_of` takes them, for measurements (N, kinds, K), with or without
 # their sigmas; and the rows that it takes
@@ -92,6 +101,7 @@ def without_common(
     The rows are those of the core, with the sigmas that may grow: none may if there are errors.
     """
     groups = _groups_of(stations, *given)
+    _doubt_path(stations, rows[0][0], *given)
     if groups:
         places, axes, measured, sigmas, *rest = rows[0]
         certain = np.zeros_like(rows[1])
@@ -120,6 +130,22 @@ def included(common: Common | None, own: Given, location: Location) -> Location:
         bias=Bias._of(columns),
         _scene=scene and replace(scene, sigmas=scene.sigmas * common.widening),
     )
+
+
+def _doubt_path(
+    stations: Any, places: FloatArray, measured: Mapping[Kind, Any], own: Given
+) -> None:
+    """Warn if stations without names that measure azimuths are perhaps one sensor that moves."""
+    if own.known or "azimuth" not in measured or len(stations) < _PLACES or places.ndim > 3:
+        return
+    if isinstance(stations, Sequence) and any(getattr(one, "name", None) for one in stations):
+        return
+    place = places.reshape(-1, *places.shape[-2:])[0]
+    steps = np.linalg.norm(np.diff(place, axis=0), axis=-1)
+    distances = np.linalg.norm(place[:, np.newaxis] - place, axis=-1)
+    mean = np.sum(distances) / (len(place) * (len(place) - 1))
+    if np.mean(steps) < _STEP * mean and np.max(steps) < _LARGEST * mean:
+        warnings.warn(_ONE_SENSOR, UserWarning, stacklevel=4)
 
 
 def _groups_of(

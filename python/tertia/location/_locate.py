@@ -196,6 +196,7 @@ def locate(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
+        If stations without names that measure azimuths lie along a path in their order.
         If most instants of a batch are ambiguous, and the stations are near a level plane.
 
     Notes

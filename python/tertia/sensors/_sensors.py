@@ -74,7 +74,8 @@ class Station:
         Systematic errors of the station; None if they are not known.
     name : str or None
         Label of the station in pictures. Stations with the same name are one sensor at several
-        places, with one systematic error (see `tertia.location.locate`).
+        places, such as the finder of a moving ship or car: `locate` estimates its error, which all
+        places share (see `tertia.location.locate`). Several stations need different names, or none.
     axes : ndarray of shape (..., D, D) or None
         Unit vectors east, north and up at the station as rows, in the coordinates of the frame. The
         azimuths and elevations of the station refer to these axes. None: the axes of the station
