@@ -73,3 +73,20 @@ def test_what_stands_for_no_measurement_is_refused():
     # without a sigma nothing below 0 is noise
     alone = partial(locate, PLACES, range=[9, -0.1, 9, 9, 9.0])
     assert_refused(alone, ValueError, "range[1] is -0.1; it must be a positive number")
+
+
+def test_coarse_ranges_may_be_zero():
+    """As of a timing advance, of which one step is 554 m."""
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-2000.0, 2000.0, (5, 2))
+    time = 10.0 * np.arange(60)
+    way = places[0] + np.outer(time - 300.0, [1.0, 0.5])
+    away = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
+    ranges = 554.0 * np.round(np.maximum(away + 100.0 * rng.normal(size=away.shape), 0.0) / 554.0)
+    assert np.count_nonzero(ranges == 0.0) >= 5
+    stations = [Station(place, range_sigma=160.0) for place in places]
+    for found in (
+        locate(stations, range=ranges),
+        reconstruct(stations, time, range=ranges),
+    ):
+        assert np.nanmedian(np.linalg.norm(found.position - way, axis=1)) < 250.0

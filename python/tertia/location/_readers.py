@@ -68,9 +68,16 @@ def _require_ranges(ranges: FloatArray, sigma: FloatArray | float) -> None:
     ranges, sigma = np.broadcast_arrays(ranges, sigma)
     required = f"a positive number, one that is negative by at most {NOISE:g} sigmas, or nan"
     require_each(ranges, np.isnan(ranges) | near_enough(ranges, sigma), "range", required)
-    if low.size >= _EQUAL and np.all(low == low[0]):
+    if low.size >= _EQUAL and np.all(low == low[0]) and not _are_coarse(ranges, sigma):
         required = f"nan if nothing was measured: all {low.size} ranges that are not positive are"
         require_each(ranges, ~(ranges <= 0.0), "range", f"{required} the same")
+
+
+def _are_coarse(ranges: FloatArray, sigma: FloatArray) -> bool:
+    """Return whether ranges are whole numbers of a step that exceeds their sigmas, such as 0."""
+    known = ranges[np.isfinite(ranges)]
+    step = np.min(known[known > 0.0], initial=np.inf)
+    return bool(step > np.median(sigma) and np.allclose(known / step, np.round(known / step)))
 
 
 def deviations(
