@@ -10,6 +10,7 @@ use std::borrow::Cow;
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 use tertia::batch::{RowError, for_each_row};
@@ -329,9 +330,12 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
 /// Does the work of `stoppable`. It is not generic, so it is compiled once.
 fn watched(work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
     let (flag, work, caller) = (Flag::default(), Mutex::new(work), thread::current());
+    // a thread that has just woken the caller is not finished yet
+    let is_done = AtomicBool::new(false);
     let run = || {
         let mut work = work.lock().expect("nobody else does it");
         flag.watch(&mut **work);
+        is_done.store(true, Ordering::Release);
         caller.unpark();
     };
     thread::scope(|scope| {
@@ -342,7 +346,7 @@ fn watched(work: &mut (dyn FnMut() + Send)) -> PyResult<()> {
             return Ok(());
         };
         let mut signal = None;
-        while !worker.is_finished() {
+        while !is_done.load(Ordering::Acquire) && !worker.is_finished() {
             thread::park_timeout(LOOKS);
             if let (None, Err(raised)) = (&signal, Python::attach(|py| py.check_signals())) {
                 signal = Some(raised);
