@@ -398,6 +398,17 @@ def test_large_errors_are_found_with_many_targets():
     assert len(_thinned(nameless, 2)) == len(nameless)
 
 
+def test_targets_of_several_sensors_are_compared_first():
+    count = 3 * _AMPLE
+    sensor = np.repeat([0, 1], count)
+    # the last ten of one sensor are the first ten of the other
+    identity = np.arange(2 * count) - 10 * sensor
+    some = np.zeros(2 * count)
+    found = _thinned(Plots(some, some + 5e4, some, sensor=sensor, identity=identity), 2)
+    assert set(range(count - 10, count)) <= set(found.identity)
+    assert len(np.unique(found.identity)) == 2 * _AMPLE - 10
+
+
 def without_heights(seed):
     """Plots of radars that measure slant ranges of targets whose heights nobody knows."""
     high = [replace(one, position=[*one.position, 0.0]) for one in RADARS]

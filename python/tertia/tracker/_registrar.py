@@ -35,8 +35,8 @@ _FIRST_SCANS = 3.0
 _FIRST_PAIRS = 6
 _FAR = 2.5
 _SCANS = 7.0
-# targets of a radar that are enough for this
-_AMPLE = 250
+# targets of a radar that are enough for this, and a number that mixes their identities
+_AMPLE, _MIXING = 100, np.uint64(0x9E3779B97F4A7C15)
 
 # what columns have that some of the plots do not have
 _MISSING = {
@@ -384,19 +384,23 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
     most plots of a sensor have no identity.
     """
     identity = getattr(plots, leading(plots, NUMBERS))
-    has_identity, chosen = identity >= 0, []
+    has_identity, each = identity >= 0, []
     for k in range(sensors):
         own = plots.sensor == k
         known = identity[own & has_identity]
         if 2 * len(known) < np.count_nonzero(own):
             return plots
-        codes = np.unique(known)
-        # in no order that airlines or regions know
-        mixed = codes.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-        chosen.append((codes, codes[np.argsort(mixed)][:_AMPLE]))
-    if all(len(codes) <= _AMPLE for codes, _ in chosen):
+        each.append(np.unique(known))
+    if all(len(codes) <= _AMPLE for codes in each):
         return plots
-    return plots[np.isin(identity, np.concatenate([some for _, some in chosen]))]
+    several, times = np.unique(np.concatenate(each), return_counts=True)
+    several = several[times > 1]
+    # those of several sensors first, in no order that airlines or regions know
+    chosen = [
+        codes[np.lexsort((codes.astype(np.uint64) * _MIXING, ~np.isin(codes, several)))][:_AMPLE]
+        for codes in each
+    ]
+    return plots[np.isin(identity, np.concatenate(chosen))]
 
 
 def joined(parts: Sequence[Plots]) -> Plots:
