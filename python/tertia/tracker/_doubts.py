@@ -237,11 +237,15 @@ def _turn(seen: FloatArray, stated: float) -> float | None:
     if len(first) < _ENOUGH:
         return None
     turned, since = azimuth[second] - azimuth[first], time[second] - time[first]
-    rates = 2.0 * np.pi / (stated * _TRIED)
-    follows = np.mean(np.cos(turned - rates[:, np.newaxis] * since), axis=1)
+    rates = 2.0 * np.pi / (stated * _TRIED[:, np.newaxis])
     near = np.abs(np.log(_TRIED)) <= np.log(_DIFFERS)
+    as_stated = float(np.max(np.mean(np.cos(turned - rates[near] * since), axis=1)))
+    if as_stated > 1.0 - _MORE:
+        # no period explains so much more
+        return None
+    follows = np.mean(np.cos(turned - rates * since), axis=1)
     best = float(np.max(follows))
-    if best < _TURNS or np.max(follows[near]) > best - _MORE:
+    if best < _TURNS or as_stated > best - _MORE:
         return None
     # half of a period may explain few azimuths as well
     good = np.split(np.arange(len(_TRIED)), np.flatnonzero(np.diff(follows > best - _EQUAL)) + 1)
