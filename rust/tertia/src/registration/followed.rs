@@ -289,16 +289,14 @@ impl Followed {
         let mut sum = [[0.0; 4]; 4];
         for (n, own) in self.parts.iter().enumerate() {
             // half of the diagonal block, and the whole of those above it
-            let mut product = [[0.0; 4]; KINDS];
-            add_product(&mut product, &errors.of(own, own), &own.part);
+            let mut product = with_product([[0.0; 4]; KINDS], &errors.of(own, own), &own.part);
             product.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
             for other in &self.parts[n + 1..] {
-                add_product(&mut product, &errors.of(own, other), &other.part);
+                product = with_product(product, &errors.of(own, other), &other.part);
             }
-            for i in 0..4 {
-                let column = own.part.map(|row| row[i]);
-                sum[i] = combined(sum[i], &column, &product);
-            }
+            let [a, b, c, d] = own.part;
+            let column = |i: usize| [a[i], b[i], c[i], d[i]];
+            sum = with_product(sum, &[column(0), column(1), column(2), column(3)], &product);
         }
         let mut added = [0.0; 16];
         for i in 0..4 {
@@ -402,21 +400,16 @@ fn displaced(seen: &Sighting, velocity: [f64; 2], unknowns: &Unknown) -> [[f64; 
     moved
 }
 
-/// Adds the product `a b` to `sum`.
-#[inline(always)]
-fn add_product(sum: &mut Part, a: &Part, b: &Part) {
-    for i in 0..KINDS {
-        sum[i] = combined(sum[i], &a[i], b);
-    }
-}
-
 /// Returns `sum + a b`, written so that compilers vectorise it.
 #[inline(always)]
-fn combined(sum: [f64; 4], a: &[f64; KINDS], b: &Part) -> [f64; 4] {
+fn with_product(sum: Part, a: &Part, b: &Part) -> Part {
     let plus = |sum: [f64; 4], a: f64, b: &[f64; 4]| {
         [sum[0] + a * b[0], sum[1] + a * b[1], sum[2] + a * b[2], sum[3] + a * b[3]]
     };
-    plus(plus(plus(plus(sum, a[0], &b[0]), a[1], &b[1]), a[2], &b[2]), a[3], &b[3])
+    let row = |sum: [f64; 4], a: &[f64; KINDS]| {
+        plus(plus(plus(plus(sum, a[0], &b[0]), a[1], &b[1]), a[2], &b[2]), a[3], &b[3])
+    };
+    [row(sum[0], &a[0]), row(sum[1], &a[1]), row(sum[2], &a[2]), row(sum[3], &a[3])]
 }
 
 #[cfg(test)]

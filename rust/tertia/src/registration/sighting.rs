@@ -72,6 +72,14 @@ pub(super) fn azimuth_sigma(sigmas: &Errors) -> f64 {
     (sigmas[AZIMUTH] * sigmas[AZIMUTH] + 0.5 * deviation).sqrt()
 }
 
+/// Azimuth error in a direction, rad; sine and cosine are not needed if it is the same in all directions.
+fn azimuth_towards(errors: &Errors, azimuth: f64) -> f64 {
+    if errors[KINDS..] == [0.0; ERRORS - KINDS] {
+        return errors[AZIMUTH];
+    }
+    azimuth_of(errors, azimuth.sin_cos().into())
+}
+
 impl Report {
     /// Whether something was measured.
     pub fn is_seen(&self) -> bool {
@@ -94,7 +102,7 @@ impl Report {
             time: self.time - clock,
             place: self.place.map(moved),
             range: (self.range - offset) / (1.0 + gain),
-            azimuth: self.azimuth - azimuth_of(errors, self.azimuth.sin_cos().into()),
+            azimuth: self.azimuth - azimuth_towards(errors, self.azimuth),
             ..*self
         }
     }
