@@ -30,6 +30,21 @@ pub enum Geometry {
     Azimuth(f64),
 }
 
+/// Range and azimuth of a plot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Polar {
+    pub range: f64,
+    azimuth: f64,
+    /// Sine and cosine of the azimuth: a plot is placed once for each track near it.
+    direction: [f64; 2],
+}
+
+impl Polar {
+    pub fn new(range: f64, azimuth: f64) -> Self {
+        Self { range, azimuth, direction: azimuth.sin_cos().into() }
+    }
+}
+
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighted {
@@ -92,7 +107,7 @@ impl Geometry {
 
     /// Places a plot whose height is known; the covariance includes the error of the height. None if no
     /// elevation leads to this height.
-    pub(super) fn see(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Option<Sighted> {
+    pub(super) fn see(&self, radar: &Radar, polar: &Polar, height: f64) -> Option<Sighted> {
         let mut sighted = self.seen(radar, polar, height)?;
         let [u, v] = sighted.by_height.map(|slope| slope * HEIGHT_SIGMA);
         sighted.noise = sighted.noise.plus(Plane { xx: u * u, xy: u * v, yy: v * v });
@@ -100,16 +115,16 @@ impl Geometry {
     }
 
     /// Places a plot as if its target were at this height, or as near to it as the range allows.
-    pub(super) fn placed(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Sighted {
+    pub(super) fn placed(&self, radar: &Radar, polar: &Polar, height: f64) -> Sighted {
         let site = self.site(radar);
-        let most = STEEPEST * polar[0];
+        let most = STEEPEST * polar.range;
         let height = site + (height - site).clamp(-most, most);
         self.seen(radar, polar, height).unwrap_or_else(|| flat(radar, polar, height))
     }
 
-    fn seen(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Option<Sighted> {
+    fn seen(&self, radar: &Radar, polar: &Polar, height: f64) -> Option<Sighted> {
         let Self::Earth(view, _) = self else { return Some(flat(radar, polar, height)) };
-        let seen = view.see(polar[0], polar[1], height)?;
+        let seen = view.see(polar.range, polar.azimuth, height)?;
         // sine and cosine of a noisy azimuth are smaller by exp(-σ²/2) on average
         let (stretch, origin) = (radar.stretch(), view.origin());
         let position =
@@ -120,10 +135,11 @@ impl Geometry {
 }
 
 /// Places a plot in a plane, with a height that is less than its range.
-fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
+fn flat(radar: &Radar, polar: &Polar, height: f64) -> Sighted {
+    let &Polar { range, direction: [sine, cosine], .. } = polar;
     let up = height - radar.position[2];
     let squared = (range * range - up * up).max(f64::MIN_POSITIVE);
-    let (ground, (sine, cosine)) = (squared.sqrt(), azimuth.sin_cos());
+    let ground = squared.sqrt();
     let along = (radar.range_sigma * range / ground).powi(2);
     let across = (radar.azimuth_sigma * ground).powi(2).max(LEAST_ACROSS * along);
     let far = ground * radar.stretch();
@@ -146,7 +162,7 @@ mod tests {
 
     #[test]
     fn noise_of_a_plot_at_the_radar_is_regular() {
-        let noise = flat(&radar_of([600.0, 3e-5]), [1.0, 2.5], 0.95).noise;
+        let noise = flat(&radar_of([600.0, 3e-5]), &Polar::new(1.0, 2.5), 0.95).noise;
         assert_within(1e-4, noise.determinant() / (noise.xx + noise.yy).powi(2), LEAST_ACROSS);
     }
 }

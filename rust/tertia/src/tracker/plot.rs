@@ -1,6 +1,6 @@
 //! Plots of radars, and the reasons why plots are not used.
 
-use super::geometry::Geometry;
+use super::geometry::{Geometry, Polar};
 use super::individual::{Individual, key};
 use super::level::Level;
 use crate::base::exponential::exp;
@@ -279,7 +279,7 @@ pub(super) enum Source {
     Moving(Plane, Moving),
     /// From slant range and azimuth without a height, which has this prior mean and variance until
     /// the track of the plot is known.
-    Slant { polar: [f64; 2], prior: [f64; 2] },
+    Slant { polar: Polar, prior: [f64; 2] },
 }
 
 impl Source {
@@ -344,7 +344,7 @@ impl Measured {
         level: &Level,
     ) -> Self {
         let &Plot { time, range, azimuth, radar: number, height, identities, report, .. } = plot;
-        let polar = [range, azimuth];
+        let polar = || Polar::new(range, azimuth);
         let mut own = Self { index, time, radar: number, height, identities, ..Self::default() };
         own.detection = radar.known(plot.detection);
         let (radar, stretch) = match radar.way(own.detection) {
@@ -360,16 +360,16 @@ impl Measured {
         }
         let on_earth = matches!(geometry, Geometry::Earth(..));
         if height.is_nan() && geometry.is_slant(level.is_known()) {
-            own.slant(polar, (radar, geometry), level);
+            own.slant(polar(), (radar, geometry), level);
         } else if !on_earth {
             let ground = radar.ground_squared(range, height).unwrap_or(0.0);
             own.position = radar.position_at(ground, azimuth, stretch);
-        } else if let Some(seen) = geometry.see(radar, polar, height) {
+        } else if let Some(seen) = geometry.see(radar, &polar(), height) {
             (own.position, own.source) = (seen.position, Source::Placed(seen.noise));
         } else {
             // the height is impossible at this range and is not used
             own.height = f64::NAN;
-            own.slant(polar, (radar, geometry), level);
+            own.slant(polar(), (radar, geometry), level);
         }
         own
     }
@@ -382,9 +382,9 @@ impl Measured {
         }
     }
 
-    fn slant(&mut self, polar: [f64; 2], (radar, geometry): (&Radar, &Geometry), level: &Level) {
-        let prior = level.prior(geometry.site(radar), polar[0]);
-        self.position = geometry.placed(radar, polar, prior[0]).position;
+    fn slant(&mut self, polar: Polar, (radar, geometry): (&Radar, &Geometry), level: &Level) {
+        let prior = level.prior(geometry.site(radar), polar.range);
+        self.position = geometry.placed(radar, &polar, prior[0]).position;
         self.source = Source::Slant { polar, prior };
     }
 }

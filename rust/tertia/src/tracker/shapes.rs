@@ -259,7 +259,7 @@ fn noise_of(plot: &Measured, settings: &Settings) -> Plane {
         Source::Placed(noise) | Source::Moving(noise, _) => noise,
         Source::Polar => radar.noise_at(plot.position, plot.height - radar.position[2]),
         Source::Slant { polar, prior: [height, variance] } => {
-            let placed = settings.geometry(plot.radar).placed(radar, polar, height);
+            let placed = settings.geometry(plot.radar).placed(radar, &polar, height);
             let [u, v] = placed.by_height;
             placed.noise.plus(Plane { xx: u * u, xy: u * v, yy: v * v }.scaled(variance))
         }

@@ -62,7 +62,7 @@ impl Track {
                 (noise.plus(Plane { xx: moved, xy: 0.0, yy: moved }), None, None)
             }
             Source::Slant { polar, prior } => {
-                let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
+                let placed = settings.geometry(plot.radar).placed(radar, &polar, prior[0]);
                 let vertical = Vertical::assumed(plot.time, prior);
                 (placed.noise, Some(vertical), Some(Box::new(Lean::new(placed.by_height))))
             }
@@ -122,7 +122,7 @@ impl Track {
             Source::Placed(noise) | Source::Moving(noise, _) => noise,
             Source::Slant { polar, .. } => {
                 let vertical = self.vertical_for(plot);
-                let placed = settings.geometry(plot.radar).placed(radar, polar, vertical.height);
+                let placed = settings.geometry(plot.radar).placed(radar, &polar, vertical.height);
                 (place, variance) = (placed.position, vertical.height_variance());
                 by_height = placed.by_height.map(|slope| -slope);
                 placed.noise
