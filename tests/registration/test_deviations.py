@@ -11,7 +11,7 @@ from checks import in_region
 from tertia import simulate
 from tertia.registration import register
 from tertia.sensors import Bias, Radar
-from tertia.tracker import Plots, Tracker, smooth_tracks
+from tertia.tracker import Plots, Tracker, smooth_tracks, track
 
 NUMBERS = {"range_sigma": 50.0, "azimuth_sigma": 0.08, "scan_period": 5.0, "degrees": True}
 RADARS = [Radar(place, **NUMBERS) for place in ([-30e3, 0.0], [30e3, 0.0], [0.0, 40e3])]
@@ -93,6 +93,18 @@ def test_a_tracker_finds_deviations(curve, count):
     assert tracker.bias.deviation_order == 2
     off = tracker.bias.deviation[0] - np.radians(curve)
     assert np.degrees(np.abs(off)).max() < 0.06
+
+
+def test_a_recording_is_tracked_with_its_deviations_from_the_first_plot_on():
+    # with .77 inside, and 62 m, where they were taken as constant
+    traffic, record = scene(12, ONCE, [0.0] * 4)
+    early = record.plots.time < 300.0
+    table = track(record.plots[early], RADARS[:2])
+    rows = (table.plot >= 0) & (table.time > 30.0)
+    truth = traffic.at(record.target[early][table.plot[rows]], table.time[rows])[0]
+    off, spread = table.position[rows] - truth, table.covariance[rows, :2, :2]
+    assert np.mean(in_region(off, spread)) > 0.95
+    assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 45.0
 
 
 def test_a_tracker_without_deviations_finds_none():

@@ -150,6 +150,10 @@ class Registrar:
             # nothing is far from what is known
             self._paired[:] = True
 
+    def expect(self, later: Registrar) -> bool:
+        """Begin with deviations of azimuths that a later registrar has found, if there are any."""
+        return self._core.expect(later._core)
+
     @property
     def period(self) -> float:
         """Scan period of the slowest sensor in seconds."""

@@ -305,9 +305,9 @@ class Tracker:
             fresh, registrar = self._core.copy(), copy(self._registrar)
             tracks = self._registered(self._registrar, plots, end, recording)
             again = fresh.knowing(self._core)
-            if again is not None:
+            if registrar.expect(self._registrar) or again is not None:
                 # the first plots were tracked before it was known how they are
-                self._core, self._registrar = again, registrar
+                self._core, self._registrar = fresh if again is None else again, registrar
                 tracks = self._registered(registrar, plots, end, recording)
             return tracks
         rows = "recording" if recording else "confirmed"

@@ -47,6 +47,13 @@ impl Registrar {
         Ok(())
     }
 
+    /// Begins with unknown deviations of the azimuths where a later registrar has found them; returns whether
+    /// there are any that were not unknown before.
+    fn expect(&mut self, later: PyRef<'_, Self>) -> PyResult<bool> {
+        same_length(self.0.held().len(), &[later.0.held().len()])?;
+        Ok(self.0.expect(&later.0))
+    }
+
     /// Returns the times, ranges and azimuths of plots after correction for the known errors, (N,) each, and
     /// the positions, (N, 2), if there are any.
     #[allow(clippy::type_complexity)] // columns

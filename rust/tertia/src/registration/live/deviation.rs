@@ -50,6 +50,21 @@ impl Registrar {
         }
     }
 
+    /// Begins with unknown deviations of the azimuths where a later registrar has found them; returns whether there
+    /// are any that were not unknown before.
+    ///
+    /// # Panics
+    /// If the numbers of radars differ.
+    pub fn expect(&mut self, later: &Self) -> bool {
+        assert_eq!(self.radars.len(), later.radars.len());
+        let is_new = later.deviates() && !self.deviates();
+        if is_new {
+            let found = |k: usize| later.sigma[k][KINDS];
+            self.allow_deviations(|k| (found(k) > 0.0).then(|| found(k)));
+        }
+        is_new
+    }
+
     /// Compares the azimuth errors of targets. If they differ, deviations are estimated from now on; what the
     /// blocks so far say of the errors is forgotten, as it was learnt without deviations.
     pub(super) fn deviate(&mut self, time: f64) {
