@@ -74,10 +74,11 @@ def _require_ranges(ranges: FloatArray, sigma: FloatArray | float) -> None:
 
 
 def _are_coarse(ranges: FloatArray, sigma: FloatArray) -> bool:
-    """Return whether ranges are whole numbers of a step that exceeds their sigmas, such as 0."""
+    """Return whether ranges are 0 or more steps that exceed their sigmas."""
     known = ranges[np.isfinite(ranges)]
     step = np.min(known[known > 0.0], initial=np.inf)
-    return bool(step > np.median(sigma) and np.allclose(known / step, np.round(known / step)))
+    is_coarse = np.median(sigma) < step < np.inf and np.min(known) == 0.0
+    return bool(is_coarse and np.allclose(known / step, np.round(known / step)))
 
 
 def deviations(
