@@ -8,7 +8,8 @@ import pytest
 from tracker.flights import RADAR, line, noisy, polar
 
 from tertia import simulate
-from tertia.tracker import Plots, PlotStatus, Radar, Tracker, track
+from tertia.sensors import PositionSensor
+from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
 ADDRESS_ERROR = 1e-9
 
@@ -287,3 +288,45 @@ def test_existence_survives_saving():
         one, other = tracker.update(rest), loaded.update(rest)
         np.testing.assert_array_equal(one.existence_probability, other.existence_probability)
         assert len(one) > 20
+
+
+def anchored():
+    """Return plots of a vessel at anchor that replies rarely, and of another one that appears."""
+    random = np.random.default_rng(41)
+    scans = 2.5 * np.arange(200.0)
+    own = scans[(scans < 400.0) | (scans > 409.0)]
+    other = scans[scans > 401.0] + 0.6
+    reported = np.arange(30.0, 500.0, 180.0)
+    way = np.array([4200.0, 3200.0]) + np.outer(other - other[0], [4.0, 2.0])
+    place = np.vstack([np.tile([3000.0, 4000.0], (len(own), 1)), way])
+    nothing = np.full(len(reported), np.nan)
+    distance = np.hypot(*place.T) + 8.0 * random.standard_normal(len(place))
+    azimuth = np.arctan2(*place.T) + 0.004 * random.standard_normal(len(place))
+    return Plots(
+        np.concatenate([own, other, reported]),
+        np.append(distance, nothing),
+        np.append(azimuth, nothing),
+        sensor=np.repeat([0, 1], [len(place), len(reported)]),
+        position=np.vstack([np.full((len(place), 2), np.nan), np.tile([3000.0, 4e3], (3, 1))]),
+        identity=np.repeat([-1, 123], [len(place), len(reported)]),
+    )
+
+
+def test_a_vessel_that_reports_rarely_keeps_its_number():
+    """Another vessel appears while the first one, which is long known, is not seen."""
+    radar = Radar(range_sigma=8.0, azimuth_sigma=0.004, scan_period=2.5, max_range=12e3)
+    ais = PositionSensor(position_sigma=10.0, update_interval=180.0)
+    options = {"profile": "vessel", "identity_error_probability": 1e-9, "clutter_density": 1e-9}
+    plots, tracker = anchored(), Tracker([radar, ais], **options)
+    rows = []
+    for begin in np.arange(0.0, 500.0, 2.5):
+        part = plots[(plots.time >= begin) & (plots.time < begin + 2.5)]
+        rows.append(tracker.update(part, time=begin + 2.5))
+    table = TrackTable.join(rows)
+    for number in np.unique(table.track):
+        own = table[table.track == number]
+        assert np.all(np.hypot(*np.ptp(own.position, axis=0)) < 600.0)
+    near = np.hypot(*(table.position - [3000.0, 4e3]).T) < 100.0
+    vessel = table[(table.time > 480.0) & near]
+    assert set(vessel.track) == {table.track[0]}
+    assert set(vessel.identity) == {123}

@@ -19,6 +19,8 @@ use crate::tracker::tree::Leaf;
 /// was confirmed by its existence may end: several missed detections in succession may have one cause.
 const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
+/// Largest ratio of the scan periods of two sensors by which it is judged whether a target is lost.
+const SLOWER: f64 = 5.0;
 /// Standard deviation of a velocity that is known well enough for a turn, as a share of the largest speed.
 const KNOWN: f64 = 0.25;
 /// Factor by which a track may seem faster than the fastest target, as its models are not exact.
@@ -140,9 +142,10 @@ impl Track {
         may_refuse && self.known.refuses(&settings.identities(plot).0, settings)
     }
 
-    /// Scan period of the slowest radar that sees the target, s.
+    /// Scan period of the slowest sensor that sees the target, s; that of a sensor that reports much more rarely
+    /// than another one, as vessels at anchor do, does not tell how long a target may be lost.
     pub fn period(&self) -> f64 {
-        self.period
+        self.period.min(SLOWER * self.quickest)
     }
 
     /// Identities of the target for its rows; an emergency code takes the place of its own code.
