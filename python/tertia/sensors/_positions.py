@@ -41,9 +41,9 @@ class PositionSensor:
         target gives one position at a time.
     bias : Bias or None
         Systematic errors of the reports: `time`, which is how late they are, `east` and `north`.
-        Those with a sigma are estimated during registration. None: only `time` is estimated;
-        before that, its standard deviation is assumed to be 0.2 s. `Bias()`: there are no
-        systematic errors.
+        Those with a sigma are estimated during registration. None: only `time` is estimated if
+        there is another sensor; before that, its standard deviation is assumed to be 0.2 s.
+        `Bias()`: there are no systematic errors.
     name : str or None
         Label of the sensor in pictures and reports.
 

@@ -74,18 +74,28 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
     """Return whether a sensor may have systematic errors that another sensor can reveal."""
     if sum(not isinstance(one, Station) for one in sensors) < 2:
         return False
-    has_radar = any(isinstance(one, Radar) for one in sensors)
-    return has_radar and bool(columns_of(own_biases(sensors), "_sigma").any())
+    return bool(columns_of(own_biases(sensors), "_sigma").any())
 
 
 def is_default(sensors: Sequence[Sensor]) -> bool:
     """Return whether sensors are registered by default.
 
-    A single radar is if its errors have stated sigmas: these belong to the covariances of tracks.
+    They are also if errors have stated sigmas: these belong to the covariances of tracks.
     """
-    stated = [one for one in sensors if isinstance(one, Radar) and one.bias is not None]
+    stated = [one for one in sensors if not isinstance(one, Station) and one.bias is not None]
     are_stated = bool(stated) and bool(columns_of(own_biases(stated), "_sigma").any())
     return is_registrable(sensors) or are_stated
+
+
+def error_sigmas(sensors: Sequence[Sensor]) -> FloatArray:
+    """Return the standard deviations of the systematic errors of sensors, (K, 4), if finite."""
+    sigmas = columns_of(own_biases(sensors), "_sigma")
+    for k in np.flatnonzero(~np.isfinite(sigmas).all(axis=1)):
+        raise ValueError(
+            f"sensors[{k}].bias has a sigma of inf; for tracks it must be finite, or None for the "
+            "usual limits"
+        )
+    return sigmas
 
 
 def begun(
@@ -132,8 +142,11 @@ class Registrar:
         profile: ProfileName,
         known: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        if not any(isinstance(one, Radar) for one in sensors):
-            raise ValueError("registration needs a Radar, and sensors has none")
+        if not is_default(sensors) and not any(isinstance(one, Radar) for one in sensors):
+            raise ValueError(
+                "registration needs a Radar, a second sensor or stated errors; sensors has none"
+            )
+        error_sigmas(sensors)
         self.sensors, self.profile = tuple(sensors), profile
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf
@@ -257,8 +270,8 @@ class Registrar:
     @property
     def _first(self) -> float:
         """Return the seconds after which the sensors are compared for the first time."""
-        radars = [one for one in self.sensors if isinstance(one, Radar)]
-        return _FIRST_SCANS * max(radar.scan_period for radar in radars)
+        radars = [one for one in self.sensors if isinstance(one, Radar)] or self.sensors
+        return _FIRST_SCANS * max(map(interval, radars))
 
     @property
     def is_first(self) -> bool:

@@ -38,7 +38,7 @@ from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._placement import placed
 from tertia.tracker._plots import Plots
 from tertia.tracker._recording import track, tracked
-from tertia.tracker._registrar import is_registrable
+from tertia.tracker._registrar import error_sigmas, is_default, is_registrable
 from tertia.tracker._sensors import interval, refuse_deviations, velocities_of
 from tertia.tracker._systematic import Placed, systematic
 from tertia.tracker._table import TrackTable
@@ -240,8 +240,9 @@ def smooth_tracks(
 
     Plots have the noise that they show, if it is larger than stated. A track without any height is
     at the height at which its radars agree. The covariances of positions include the uncertainty of
-    estimated biases. Where biases are not estimated, as for a single radar, systematic errors are
-    not included. If no plot of the recording has a height, errors of heights are not included.
+    biases and the part of the errors of reported positions that lasts. Systematic errors of a
+    single sensor are included if their sigmas are stated. If no plot of the recording has a height,
+    errors of heights are not.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 
@@ -282,6 +283,9 @@ def smooth_tracks(
         seen = tracked(plots, sites, motion=motion)[0] if tracks is None else tracks[updates]
         known = errors(plots, seen, sites)
         (better, sites), unknown = known.removed(plots, sites), known.covariance
+    elif registration is None and is_default(sites):
+        # nothing estimates these errors, but their size is stated
+        unknown = np.diag(error_sigmas(sites).ravel() ** 2)
     if tracks is None:
         plots, radars = better, sites
         tracks = track(plots, radars, motion=motion, registration=False)

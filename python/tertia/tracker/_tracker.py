@@ -107,14 +107,14 @@ class Tracker:
     registration : bool or tertia.registration.Registration, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
         plots, by targets that other radars or position sensors see as well. Default: if there are
-        several sensors and a radar may have errors (its `bias` is not `Bias()`), or if the `bias`
-        of a radar has sigmas. Positions of a `PositionSensor` are assumed to have no systematic
-        error except a delay. `Tracker.bias` contains the current estimate; the covariances of the
-        tracks include its uncertainty. Errors several times as large as their limits are found from
-        the first three or seven scans; the tracks then start anew, with new numbers, and in the
-        first three scans no rows are returned. If azimuth errors are found to change with the
-        azimuth, `bias` has a `deviation`. If an earlier `Registration` is given, its noise is used,
-        and the estimation continues from its last errors.
+        several sensors and one of them may have errors (its `bias` is not `Bias()`), or if the
+        `bias` of a single sensor has sigmas. Positions of a `PositionSensor` are assumed to have
+        no systematic error except a delay. `Tracker.bias` contains the current estimate; the
+        covariances of the tracks include its uncertainty. Errors several times as large as their
+        limits are found from the first three or seven scans; the tracks then start anew, with new
+        numbers, and in the first three scans no rows are returned. If azimuth errors are found to
+        change with the azimuth, `bias` has a `deviation`. If an earlier `Registration` is given,
+        its noise is used, and the estimation continues from its last errors.
     n_threads : int, optional
         Number of threads for scans with over a thousand plots per thread; by default all cores.
 

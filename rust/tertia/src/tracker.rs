@@ -27,6 +27,7 @@ mod clock;
 mod cluster;
 mod clutter;
 mod columns;
+mod common;
 mod control;
 mod correlation;
 mod curve;

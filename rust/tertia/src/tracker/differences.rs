@@ -16,7 +16,7 @@ pub(super) const THIRD: f64 = 20.0;
 /// (simulated, because differences share plots).
 pub(super) const SPREAD: f64 = 2.7;
 /// Number of sigmas by which a variance must exceed the stated one before it is used, and from which on it is used
-/// whole.
+/// whole, or by which it may be larger than estimated.
 pub(super) const SURE: f64 = 2.0;
 const WHOLE: f64 = 4.0;
 
@@ -43,6 +43,11 @@ impl Size {
         let excess = ratio.ln() * self.count.sqrt() / SPREAD;
         let part = (excess - SURE) / (WHOLE - SURE) * (WHOLE / excess);
         if excess > SURE { ratio.powf(part.min(1.0)) } else { 1.0 }
+    }
+
+    /// The largest ratio of variances that this number of differences leaves possible.
+    pub fn most(&self, ratio: f64) -> f64 {
+        ratio * (WHOLE * SPREAD / self.count.sqrt()).exp()
     }
 }
 

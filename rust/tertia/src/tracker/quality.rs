@@ -49,11 +49,13 @@ pub struct Quality {
     pub clock: f64,
     /// Part of this variance that is the same in successive reports of a target, s².
     pub lasting: f64,
+    /// Share of the stated variance of positions that successive reports do not show: errors of this size last.
+    pub common: f64,
 }
 
 impl Default for Quality {
     fn default() -> Self {
-        Self { ratio: 1.0, clock: 0.0, lasting: 0.0 }
+        Self { ratio: 1.0, clock: 0.0, lasting: 0.0, common: 0.0 }
     }
 }
 
@@ -122,7 +124,7 @@ impl Grid {
         // the error of a target changes by this share of the step from scan to scan
         let (clock, change) = (self.variance(), (period / step).rem_euclid(1.0));
         let correlation = 1.0 - 6.0 * change * (1.0 - change);
-        Quality { ratio: 1.0, clock, lasting: clock * correlation.max(0.0) }
+        Quality { clock, lasting: clock * correlation.max(0.0), ..Quality::default() }
     }
 }
 
@@ -283,7 +285,8 @@ impl Reports {
         let Some(ratio) = self.ratio() else { return self.grid.of_radar(period) };
         let changing = self.clock();
         let clock = changing.max(self.grid.variance().min(MOST_LASTING * changing));
-        Quality { ratio: self.across.sure(ratio), clock, lasting: clock - changing }
+        let common = (1.0 - self.across.most(ratio)).max(0.0);
+        Quality { ratio: self.across.sure(ratio), clock, lasting: clock - changing, common }
     }
 
     /// Variance of the times that differences show, s²; 0 unless it is significant.
@@ -349,8 +352,10 @@ mod tests {
     fn larger_errors_of_positions_are_found() {
         let found = |noise| reports(noise, 0.0, |time, _| time);
         assert_eq!(found(1.0).quality(1.0), Quality::default());
-        assert_eq!(found(0.5).quality(1.0), Quality::default());
         assert_within(0.1, found(0.5).ratio().unwrap(), 0.25);
+        let half = found(0.5).quality(1.0);
+        assert!((0.6..0.75).contains(&half.common), "{half:?}");
+        assert_eq!(half, Quality { common: half.common, ..Quality::default() });
         let twice = found(2.0).quality(1.0);
         assert!((3.2..4.2).contains(&twice.ratio) && twice.clock == 0.0, "{twice:?}");
     }

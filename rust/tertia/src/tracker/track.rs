@@ -3,6 +3,7 @@
 use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
 use super::clutter::Clutter;
+use super::common::Common;
 use super::correlation::Correlation;
 use super::delay::Delay;
 use super::estimate::Estimate;
@@ -112,6 +113,8 @@ pub(super) struct Track {
     delays: Vec<Delay>,
     /// Variance of the error that the times of the last reports have in common, s².
     lasting: f64,
+    /// Errors that the positions of the last reports have in common.
+    common: Common,
     known: Known,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
@@ -189,6 +192,7 @@ impl Track {
             lean,
             delays: Vec::new(),
             lasting: 0.0,
+            common: Common::default(),
             known: Known::new(),
             correlation: Correlation::default(),
             suspended: false,
@@ -332,6 +336,7 @@ impl Track {
         self.filter.correct(motion, here.position, here.noise);
         self.merged = false;
         self.estimate = self.filter.estimate();
+        self.common.moved(plot, [here.noise, self.innovation.1], settings);
         self.lean_by(plot, &here);
         self.lean_by_delays(plot, &here);
         if let Source::Moving(_, seen) = plot.source {

@@ -1,10 +1,15 @@
 //! Covariances of the plots of tracks with the noise that the plots themselves show.
 
 use crate::base::plane::Plane;
+use crate::tracker::common::Common;
 use crate::tracker::individual::Individual;
 use crate::tracker::noise::{Noise, SMOOTHING};
 use crate::tracker::plot::{Measured, Source};
 use crate::tracker::settings::Settings;
+use std::collections::HashMap;
+
+/// Time in which plots of a track count for each other, s.
+const NEAR: f64 = 30.0;
 
 /// A plot of a track in the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,8 +45,39 @@ pub fn shown_covariances(settings: &Settings, plots: &[PlacedPlot]) -> Vec<[Plan
     let mut found: Vec<Plane> =
         plots.iter().map(|plot| shown(plot, &noise[plot.sensor], settings)).collect();
     use_individual(settings, plots, &noise, &mut found);
-    let covariances = plots.iter().zip(found);
-    covariances.map(|(plot, own)| moved(plot, own, &noise[plot.sensor])).collect()
+    let common = common(plots, &noise);
+    let covariances = plots.iter().zip(found).zip(common);
+    let each = covariances.map(|((plot, own), common)| {
+        let [own, moved] = moved(plot, own, &noise[plot.sensor]);
+        [own, moved.plus(common)]
+    });
+    each.collect()
+}
+
+/// Returns the covariances of the errors that tracks have in common with the plots at about the same time. Plots count
+/// by their information.
+fn common(plots: &[PlacedPlot], noise: &[Noise]) -> Vec<Plane> {
+    let shares: Vec<f64> = noise.iter().map(|own| own.quality().common).collect();
+    let mut found = vec![Plane::default(); plots.len()];
+    if shares.iter().all(|share| *share == 0.0) {
+        return found;
+    }
+    let mut add = |order: &mut dyn Iterator<Item = usize>| {
+        let mut tracks: HashMap<u64, (f64, f64, Common)> = HashMap::new();
+        for i in order {
+            let PlacedPlot { track, sensor, time, covariance: own, .. } = plots[i];
+            let (last, total, errors) =
+                tracks.entry(track).or_insert((time, 0.0, Common::default()));
+            let weight = 1.0 / (own.xx + own.yy);
+            *total = *total * (-(time - *last).abs() / NEAR).exp() + weight;
+            *last = time;
+            errors.add(own.scaled(shares[sensor]), weight / *total);
+            found[i] = found[i].plus(errors.covariance().scaled(0.5));
+        }
+    };
+    add(&mut (0..plots.len()));
+    add(&mut (0..plots.len()).rev());
+    found
 }
 
 /// The covariance by the noise of all plots.

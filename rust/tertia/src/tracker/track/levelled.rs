@@ -92,9 +92,10 @@ impl Track {
         let unnoticed = self.filter.unnoticed();
         (0..4).for_each(|i| own.covariance[(i, i)] += unnoticed[i / 2]);
         own = self.fork.as_ref().map_or(own, |fork| fork.widened(&own));
-        // errors of times and the parts of an extended target that are seen may be the same for long
-        if self.extent.xx > 0.0 || self.lasting > 0.0 {
-            let more = self.extent.plus(along([own.mean[2], own.mean[3]], self.lasting));
+        // errors of reports and the parts of an extended target that are seen may be the same for long
+        if self.extent.xx > 0.0 || self.lasting > 0.0 || self.common.is_some() {
+            let late = along([own.mean[2], own.mean[3]], self.lasting);
+            let more = self.extent.plus(self.common.covariance()).plus(late);
             own.covariance[(0, 0)] += more.xx;
             own.covariance[(0, 1)] += more.xy;
             own.covariance[(1, 0)] += more.xy;
