@@ -60,6 +60,13 @@ def constants_of(covariance: FloatArray) -> FloatArray:
     return np.ascontiguousarray(parts).reshape(_KINDS * count, _KINDS * count)
 
 
+def whole_covariance(found: Any) -> FloatArray:
+    """Return the covariance of the estimated errors, with those of deviations if there are any."""
+    whole: FloatArray | None = found.deviation_covariance
+    constants: FloatArray = found.covariance
+    return constants if whole is None else whole
+
+
 def values_of(bias: Bias) -> FloatArray:
     """Return the errors of K sensors with the coefficients of their deviations, (K, 8)."""
     found = np.zeros((len(bias), _ERRORS))

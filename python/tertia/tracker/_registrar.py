@@ -20,6 +20,7 @@ from tertia.tracker._biases import (
     bias_with_deviation,
     columns_of,
     values_of,
+    whole_covariance,
 )
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import ProfileName, with_heights
@@ -114,10 +115,7 @@ def begun(
     # the prior of the errors is that of the sensors
     pairs = zip(found, sensors, strict=True)
     placed = tuple(replace(own, bias=one.bias) for own, one in pairs)
-    covariance = registration.deviation_covariance
-    if covariance is None:
-        covariance = registration.covariance
-    return placed, (values_of(registration.bias), covariance)
+    return placed, (values_of(registration.bias), whole_covariance(registration))
 
 
 class Registrar:

@@ -33,6 +33,7 @@ from tertia.sensors._identities import (
     leading,
 )
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._biases import whole_covariance
 from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._placement import placed
@@ -277,12 +278,12 @@ def smooth_tracks(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
             )
         better, sites = registration._removed(plots)
-        unknown = registration.covariance
+        unknown = whole_covariance(registration)
     updates = _updates(tracks, plots)
     if registration is None and is_registrable(sites):
         seen = tracked(plots, sites, motion=motion)[0] if tracks is None else tracks[updates]
         known = errors(plots, seen, sites)
-        (better, sites), unknown = known.removed(plots, sites), known.covariance
+        (better, sites), unknown = known.removed(plots, sites), whole_covariance(known)
     elif registration is None and is_default(sites):
         # nothing estimates these errors, but their size is stated
         unknown = np.diag(error_sigmas(sites).ravel() ** 2)
