@@ -15,6 +15,7 @@ mod family;
 mod filtered;
 mod gain;
 mod groups;
+mod jump;
 mod lasting;
 mod member;
 mod near;

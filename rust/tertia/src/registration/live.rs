@@ -252,6 +252,15 @@ impl Registrar {
         sigmas.into_iter().enumerate().map(one).collect()
     }
 
+    /// Returns the noise of each radar, of range and azimuth: the estimated one, or the stated one if it is larger.
+    pub(crate) fn largest_noise(&self) -> Vec<[f64; 2]> {
+        let largest = |(k, radar): (usize, &Radar)| {
+            let [range, azimuth] = self.own_noise(k);
+            [range.max(radar.range_sigma), azimuth.max(radar.azimuth_sigma)]
+        };
+        self.radars.iter().enumerate().map(largest).collect()
+    }
+
     /// Returns the mean variance, s², of what the remaining errors of these radars change in the delay of a
     /// target.
     ///
@@ -413,6 +422,15 @@ impl Registrar {
         }
     }
 
+    /// Moves the clock error of a radar that has jumped by this time, with this standard deviation, s.
+    pub(crate) fn move_clock(&mut self, radar: usize, [by, sigma]: [f64; 2], time: f64) {
+        if let Some((column, unit)) = self.unknowns()[radar][CLOCK] {
+            self.known.mean[column] += by / unit;
+            self.known.covariance[(column, column)] += (sigma / unit).powi(2);
+            self.restart(radar, time);
+        }
+    }
+
     /// Changes the errors of a radar if most of its tracks miss their plots in the same way.
     fn vote(&mut self, time: f64) {
         let unknowns = self.unknowns();
@@ -429,12 +447,16 @@ impl Registrar {
                 self.known.covariance[(*column, *column)] += VOTED;
             }
             self.loose.retain(|plot| plot.radar != k);
-            // the open blocks may contain plots of other targets
-            self.open.clear();
-            self.recent.clear();
-            self.clusters.clear();
-            self.changes.push((time, k));
+            self.restart(k, time);
         }
+    }
+
+    /// Starts anew after a change of the errors of a radar; the open blocks may contain plots of other targets.
+    fn restart(&mut self, radar: usize, time: f64) {
+        self.open.clear();
+        self.recent.clear();
+        self.clusters.clear();
+        self.changes.push((time, radar));
     }
 }
 

@@ -2,14 +2,15 @@
 
 use super::bias::{corrected, propagated, sensitivity};
 use super::groups::{Group, grouped};
-use super::lasting::Positions;
+use super::jump::jumps;
+use super::lasting::{Positions, raised};
 use super::member::{FORGOTTEN, Member, take};
 use super::near::Sample;
 use super::pairs::{Known, Manual, Pairs, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule};
 use super::share::{fill, mapped};
-use super::source::{Source, paced};
+use super::source::{Source, paced, with_noise};
 use super::target::{Target, Tracklet};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::Result;
@@ -146,7 +147,8 @@ impl Centre {
     ) -> Result<Vec<SystemTrack>> {
         let stated = &self.settings.radars;
         let Self { members, waiting, next, sources, .. } = self;
-        take(members, waiting, &mut next[0], rows, time, (stated, sources), n_threads)?;
+        let noise = self.registrar.largest_noise();
+        take(members, waiting, &mut next[0], rows, time, (stated, &noise, sources), n_threads)?;
         let radars = paced(stated, sources);
         self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
@@ -164,11 +166,16 @@ impl Centre {
         }
         self.pairs.remember(candidates, &group_of);
         let numbers = self.name(&groups, &places);
-        let noisy = self.noisy(&radars);
+        let lasting = self.members.iter().map(|own| (own.last.sensor, own.lasting()));
+        let noise = raised(self.registrar.noise(), &self.settings.radars, lasting);
+        let noisy = with_noise(&radars, &noise);
         let learnt =
             self.follow(&groups, &numbers, (&samples, &places), &noisy, &known, n_threads)?;
         if self.settings.registers {
             self.learn(&learnt, time, n_threads)?;
+            for jump in jumps(&samples, &groups, radars.len()) {
+                self.registrar.move_clock(jump.sensor, [jump.by, jump.sigma], time);
+            }
         }
         let mut shown: Vec<_> = matched(self.targets.iter(), in_order(&numbers)).collect();
         shown.sort_unstable_by_key(|&(_, g)| g);
@@ -324,17 +331,6 @@ impl Centre {
             }
         }
         Ok(())
-    }
-
-    /// Returns the sensors with the estimated noise of their plots.
-    fn noisy(&self, radars: &[Radar]) -> Vec<Radar> {
-        let all = radars.iter().zip(self.registrar.noise());
-        all.map(|(radar, [range_sigma, azimuth_sigma])| Radar {
-            range_sigma,
-            azimuth_sigma,
-            ..radar.clone()
-        })
-        .collect()
     }
 
     /// Returns the positions behind the tracks of a group.

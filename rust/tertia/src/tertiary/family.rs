@@ -24,11 +24,15 @@ const LARGEST: f64 = 10.0;
 const WARM: u32 = 8;
 /// Number of rows from which a damping is chosen, and from which on no more rows are needed.
 const FEWEST: f64 = 30.0;
-const MEMORY: f64 = 1000.0;
+const MEMORY: f64 = 500.0;
 /// Number of rows for which the evidence counts at most, because the models of motion are never exact, and
 /// logarithm of the ratio of likelihoods from which another damping than the usual one is chosen.
-const WORTH: f64 = 100.0;
-const CLEAR: f64 = 12.0;
+const WORTH: f64 = 200.0;
+const CLEAR: f64 = 17.0;
+/// Relative standard deviations of gains, before the damping is known and later: a filter is only similar to one
+/// of these, and rows may be left out.
+const UNKNOWN: f64 = 0.1;
+const SIMILAR: f64 = 0.05;
 
 /// Sums over the rows of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -67,6 +71,11 @@ impl Evidence {
         let best = (1..COUNT).fold(0, |a, b| if score(b) > score(a) { b } else { a });
         if score(best) > score(0) + CLEAR { DAMPING[best] } else { DAMPING[0] }
     }
+
+    /// Returns the relative standard deviation of gains with this damping.
+    pub fn unsure(&self) -> f64 {
+        if self.count < WORTH { UNKNOWN } else { SIMILAR }
+    }
 }
 
 /// Filters over the plots of a track that are reconstructed with each damping.
@@ -85,12 +94,21 @@ impl Families {
         Self { followers: [follower; COUNT], rows: 0, found: Evidence::default() }
     }
 
-    /// Updates the filters with the plots behind a row, and their gains.
-    pub fn follow(&mut self, row: &Row, plots: &[([f64; 2], [f64; 2]); COUNT], radar: &Radar) {
+    /// Updates the filters with the plots behind a row, and their gains. The noise of `radar` is that of plots
+    /// that are reconstructed with the gains `used`.
+    pub fn follow(
+        &mut self,
+        row: &Row,
+        plots: &[([f64; 2], [f64; 2]); COUNT],
+        used: [f64; 2],
+        radar: &Radar,
+    ) {
         let noise = radar.noise_at([row.state[0], row.state[1]], row.above(radar));
         let mut found = Evidence { count: 1.0, ..Evidence::default() };
         let mut is_turning = false;
         for (k, (follower, (plot, gain))) in self.followers.iter_mut().zip(plots).enumerate() {
+            // a smaller gain puts the plots farther away
+            let noise = noise.scaled(used[0] * used[1] / (gain[0] * gain[1]));
             follower.predict(&model(), row.time, radar.scan_period);
             let Estimate { mean, covariance: p } = follower.estimate();
             let both = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] }.plus(noise);
@@ -151,7 +169,7 @@ mod tests {
                     ([0, 1].map(|k| before[k] + alpha / gain * y[k]), [gain; 2])
                 });
                 let families = families.get_or_insert_with(|| Families::new(&row, &radar));
-                families.follow(&row, &plots, &radar);
+                families.follow(&row, &plots, plots[0].1, &radar);
             }
             evidence.add(&families.unwrap().found);
         }

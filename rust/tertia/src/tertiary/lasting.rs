@@ -5,6 +5,7 @@
 //! about the filter than they should, and the filter cannot reduce the rest of their variance.
 
 use crate::base::plane::Plane;
+use crate::sensors::Radar;
 use nalgebra::Matrix2;
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +13,9 @@ use serde::{Deserialize, Serialize};
 /// seldom makes it so small.
 const MEMORY: f64 = 0.05;
 const LEAST: f64 = 0.6;
+
+/// Mean share of the variance of the positions of a sensor that lasts, from which on its errors last.
+const LASTING: f64 = 0.1;
 
 /// Running mean of the normalised innovations squared of a track, relative to their expected value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +65,27 @@ pub(super) fn lasting(parts: &[Positions]) -> Matrix2<f64> {
     covariance * matrix(lasting) * covariance
 }
 
+/// Raises the noise of range and azimuth of sensors to the stated one if their errors last, because the noise of
+/// successive plots is only a part of them. `shares` are those of the variance of each track that last.
+pub(super) fn raised(
+    mut noise: Vec<[f64; 2]>,
+    stated: &[Radar],
+    shares: impl Iterator<Item = (usize, f64)>,
+) -> Vec<[f64; 2]> {
+    let mut lasting = vec![[0.0; 2]; noise.len()];
+    for (sensor, share) in shares {
+        let [sum, count] = &mut lasting[sensor];
+        *sum += share;
+        *count += 1.0;
+    }
+    for ((own, radar), [sum, count]) in noise.iter_mut().zip(stated).zip(lasting) {
+        if sum > LASTING * count {
+            *own = [own[0].max(radar.range_sigma), own[1].max(radar.azimuth_sigma)];
+        }
+    }
+    noise
+}
+
 fn matrix(Plane { xx, xy, yy }: Plane) -> Matrix2<f64> {
     Matrix2::new(xx, xy, xy, yy)
 }
@@ -68,6 +93,7 @@ fn matrix(Plane { xx, xy, yy }: Plane) -> Matrix2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensors::radar_of;
 
     #[test]
     fn what_lasts_is_averaged_over_the_sensors() {
@@ -80,6 +106,15 @@ mod tests {
         // a sensor of which nothing lasts, four times as often: a fifth of the weight, squared
         let rare = lasting(&[part(0.5, 4.0), part(0.0, 1.0)]);
         assert!((rare - alone / 25.0).amax() < 1e-12);
+    }
+
+    #[test]
+    fn noise_is_not_smaller_than_stated_if_errors_last() {
+        let stated = [radar_of([50.0, 1e-3]), radar_of([50.0, 1e-3])];
+        let noise = vec![[20.0, 2e-3], [20.0, 5e-4]];
+        let shares = [(0, 0.3), (0, 0.0), (1, 0.1), (1, 0.0)];
+        let found = raised(noise, &stated, shares.into_iter());
+        assert_eq!(found, [[50.0, 2e-3], [20.0, 5e-4]]);
     }
 
     #[test]

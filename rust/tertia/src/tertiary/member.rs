@@ -7,10 +7,11 @@ use super::lasting::Positions;
 use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
-use super::source::{Source, paced};
+use super::source::{Source, paced, with_noise};
 use super::target::Tracklet;
 use super::tracklet::{Behind, Past, behind, coasts, is_doubtful};
 use crate::base::error::Result;
+use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
@@ -51,8 +52,8 @@ pub(super) struct Member {
 }
 
 /// Adds rows to their tracks in order of time; `next` is the id of the next new track. Rows after `time`
-/// go to `waiting`, and rows that were waiting are added. Cost O(N log N) for N rows plus O(M) for M
-/// tracks.
+/// go to `waiting`, and rows that were waiting are added. `noise` is the largest known noise of plots. Cost
+/// O(N log N) for N rows plus O(M) for M tracks.
 #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
 pub(super) fn take(
     members: &mut Vec<Box<Member>>,
@@ -60,11 +61,12 @@ pub(super) fn take(
     next: &mut u64,
     rows: &[Row],
     time: f64,
-    (radars, sources): (&[Radar], &mut [Source]),
+    (radars, noise, sources): (&[Radar], &[[f64; 2]], &mut [Source]),
     n_threads: Option<NonZero<usize>>,
 ) -> Result<()> {
     let stated = radars;
     let radars = &paced(radars, sources);
+    let noisy = &with_noise(radars, noise);
     let waited = std::mem::take(waiting);
     let all: Vec<&Row> = waited.iter().chain(rows).collect();
     let mut order: Vec<_> =
@@ -117,8 +119,10 @@ pub(super) fn take(
     }
     let evidence: Vec<_> = sources.iter().map(|source| source.evidence).collect();
     mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
-        rows.iter()
-            .for_each(|(_, row)| member.add(**row, &evidence[row.sensor], &radars[row.sensor]));
+        for (_, row) in rows {
+            let radar = (&radars[row.sensor], &noisy[row.sensor]);
+            member.add(**row, &evidence[row.sensor], radar);
+        }
         Ok(())
     })?;
     for member in members.iter_mut() {
@@ -151,7 +155,7 @@ impl Member {
             plotted: row.time,
             target: None,
         };
-        member.look_behind(None, &Evidence::default(), radar);
+        member.look_behind(None, &Evidence::default(), (radar, radar));
         member
     }
 
@@ -160,8 +164,8 @@ impl Member {
         (self.last.sensor, self.last.track)
     }
 
-    /// Adds a row, and the plot behind it.
-    fn add(&mut self, row: Row, evidence: &Evidence, radar: &Radar) {
+    /// Adds a row, and the plot behind it. `radar` has the stated noise of plots, `noisy` the largest known.
+    fn add(&mut self, row: Row, evidence: &Evidence, (radar, noisy): (&Radar, &Radar)) {
         let past = Past::new(&self.last, self.is_doubtful, self.plotted);
         self.before = [Some(past), self.before[0]];
         self.last = row;
@@ -176,7 +180,7 @@ impl Member {
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
         self.foreign += MEMORY * (is_unlike - self.foreign);
-        self.look_behind(plot.filter(|_| !self.is_foreign()), evidence, radar);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), evidence, (radar, noisy));
         self.plotted = row.time;
     }
 
@@ -187,29 +191,35 @@ impl Member {
 
     /// Stores what is known of the plot behind the last row: `plot`, or an estimate without knowledge of
     /// the filter.
-    fn look_behind(&mut self, plot: Option<[f64; 2]>, evidence: &Evidence, radar: &Radar) {
+    fn look_behind(
+        &mut self,
+        plot: Option<[f64; 2]>,
+        evidence: &Evidence,
+        (radar, noisy): (&Radar, &Radar),
+    ) {
         let last = (&self.last, self.is_doubtful);
         if !self.is_foreign() || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));
         }
-        let gain = (&mut self.gain, evidence.damping(), self.is_periodic);
+        let gain = (&mut self.gain, evidence, self.is_periodic);
         let families = self.families.as_deref_mut();
-        let (place, own) = match behind(plot, last, &self.before, gain, families, radar) {
-            Behind::Plot(place) => (place, None),
-            Behind::State(place, covariance) => (place, Some(covariance)),
-            Behind::Nothing => return,
-        };
+        let (place, own, added) =
+            match behind(plot, last, &self.before, gain, families, (radar, noisy)) {
+                Behind::Plot(place, added) => (place, None, added),
+                Behind::State(place, covariance) => (place, Some(covariance), Plane::default()),
+                Behind::Nothing => return,
+            };
         if plot.is_some() {
             self.filtered = None;
         } else if let Some(filtered) = &mut self.filtered {
-            let noise = own.unwrap_or_else(|| radar.noise_at(place, self.last.above(radar)));
-            filtered.follow(self.last.time, place, noise, radar);
+            let noise = own.unwrap_or_else(|| noisy.noise_at(place, self.last.above(noisy)));
+            filtered.follow(self.last.time, place, noise.plus(added), radar);
         } else {
             self.filtered = Some(Filtered::new(&self.last, radar));
         }
-        self.pending.push(Tracklet::new(&self.last, place, own, radar));
+        self.pending.push(Tracklet::new(&self.last, place, (own, added), radar));
     }
 
     /// Returns position and velocity of the track at a time.
@@ -217,11 +227,16 @@ impl Member {
         self.foreign_filter().map_or_else(|| self.last.at(time, radar), |own| own.at(time))
     }
 
+    /// Share of the variance of its positions that lasts.
+    pub fn lasting(&self) -> f64 {
+        self.foreign_filter().map_or(0.0, Filtered::lasting)
+    }
+
     /// Returns the positions behind the track.
     pub fn positions(&self, radar: &Radar) -> Positions {
         let [x, y, ..] = self.last.state;
         Positions {
-            lasting: self.foreign_filter().map_or(0.0, Filtered::lasting),
+            lasting: self.lasting(),
             noise: radar.noise_at([x, y], self.last.above(radar)),
             period: radar.scan_period,
         }

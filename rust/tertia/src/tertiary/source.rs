@@ -56,6 +56,17 @@ pub(super) fn paced(radars: &[Radar], sources: &[Source]) -> Vec<Radar> {
     .collect()
 }
 
+/// Returns the sensors with this noise of range and azimuth.
+pub(super) fn with_noise(radars: &[Radar], noise: &[[f64; 2]]) -> Vec<Radar> {
+    let all = radars.iter().zip(noise);
+    all.map(|(radar, &[range_sigma, azimuth_sigma])| Radar {
+        range_sigma,
+        azimuth_sigma,
+        ..radar.clone()
+    })
+    .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

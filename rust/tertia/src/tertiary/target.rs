@@ -4,7 +4,7 @@ use super::bias::propagated;
 use super::lasting::{Positions, lasting};
 use super::near::Sample;
 use super::pairs::Known;
-use super::row::Row;
+use super::row::{Row, carried};
 use crate::base::plane::Plane;
 use crate::registration::{Report, TargetPlot, Update};
 use crate::sensors::Radar;
@@ -24,11 +24,18 @@ pub(super) struct Tracklet {
     pub turn_probability: f64,
     /// Covariance of the plot if it is not the sensor's noise.
     pub own: Option<Plane>,
+    /// Covariance that is added to this noise because the plot is not exactly known.
+    pub added: Plane,
 }
 
 impl Tracklet {
     /// Creates a tracklet from the position behind a row.
-    pub fn new(row: &Row, [x, y]: [f64; 2], own: Option<Plane>, radar: &Radar) -> Self {
+    pub fn new(
+        row: &Row,
+        [x, y]: [f64; 2],
+        (own, added): (Option<Plane>, Plane),
+        radar: &Radar,
+    ) -> Self {
         let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
         let report = Report {
             radar: row.sensor,
@@ -38,7 +45,7 @@ impl Tracklet {
             height: row.height,
             place: None,
         };
-        Self { report, turn_probability: row.turning(), own }
+        Self { report, turn_probability: row.turning(), own, added }
     }
 }
 
@@ -96,7 +103,8 @@ impl Target {
             let ground = (report.range * report.range - up * up).max(0.0).sqrt();
             let (sine, cosine) = report.azimuth.sin_cos();
             let mut z = [radar.position[0] + ground * sine, radar.position[1] + ground * cosine];
-            let mut noise = tracklet.own.unwrap_or_else(|| radar.noise_at(z, up));
+            let noise = tracklet.own.unwrap_or_else(|| radar.noise_at(z, up));
+            let mut noise = noise.plus(tracklet.added);
             follower.predict(&model, report.time, radar.scan_period);
             let estimate = follower.estimate();
             // a late plot is moved along with the velocity to the time of the filter
@@ -150,7 +158,9 @@ impl Target {
         let period = tracks.iter().map(|track| track.period).fold(0.0, f64::max);
         let mut follower = self.follower?;
         follower.predict(&ImmModel::default(), time, period);
-        let mut estimate = follower.estimate();
+        // clocks that are slow report plots that are later than the picture
+        let back = (time - follower.time).min(0.0);
+        let mut estimate = carried(follower.estimate(), follower.turn_probability(), back);
         let surprise = self.surprise.max(1.0);
         estimate.covariance *= surprise;
         estimate.covariance.fixed_view_mut::<2, 2>(0, 0).add_assign(lasting(tracks));

@@ -1,6 +1,6 @@
 //! Reconstruction of the plot behind a row of a track from the track itself (a tracklet).
 
-use super::family::{DAMPING, Families};
+use super::family::{DAMPING, Evidence, Families};
 use super::gain::{Gain, Step};
 use super::row::Row;
 use crate::base::plane::Plane;
@@ -118,8 +118,9 @@ impl Moved {
 
     /// Largest distance of a plot from its row, m: by noise, and because the filter lags.
     fn largest_lag(&self, row: &Row, radar: &Radar) -> f64 {
-        let sigma = self.axes.iter().map(|[a, b]| a.hypot(*b)).fold(0.0, f64::max);
-        let [.., vx, vy] = row.state;
+        let [x, y, vx, vy] = row.state;
+        let Plane { xx, yy, .. } = radar.noise_at([x, y], row.above(radar));
+        let sigma = (xx + yy).sqrt();
         FARTHEST * sigma + LONGEST_LAG * radar.scan_period * vx.hypot(vy)
     }
 
@@ -148,8 +149,8 @@ pub(super) fn is_doubtful(row: &Row, radar: &Radar) -> bool {
 
 /// Information on a position behind a row.
 pub(super) enum Behind {
-    /// The plot, with the noise of the sensor.
-    Plot([f64; 2]),
+    /// The plot with the noise of the sensor, and the covariance that its reconstruction adds.
+    Plot([f64; 2], Plane),
     /// The state with its own covariance. This is used after a gap, during and after doubt, and at the
     /// beginning: there is no known prediction, and the state contains little that was used before.
     State([f64; 2], Plane),
@@ -164,16 +165,16 @@ pub(super) fn behind(
     plot: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
     before: &[Option<Past>; 2],
-    (gain, damping, is_periodic): (&mut Gain, f64, bool),
+    (gain, evidence, is_periodic): (&mut Gain, &Evidence, bool),
     families: Option<&mut Families>,
-    radar: &Radar,
+    (radar, noisy): (&Radar, &Radar),
 ) -> Behind {
     let [x, y, ..] = row.state;
     if (x - radar.position[0]).hypot(y - radar.position[1]) < row.above(radar).abs() {
         return Behind::Nothing;
     }
     if let Some(plot) = plot {
-        return Behind::Plot(plot);
+        return Behind::Plot(plot, Plane::default());
     }
     let Estimate { covariance: p, .. } = row.estimate(radar);
     let covariance = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
@@ -188,25 +189,30 @@ pub(super) fn behind(
     }
     // if velocities are not derived from positions, the positions are those of the plots
     let along = |damping| gain.along(moved.step.stated, damping, is_periodic);
-    let Some(gain) = along(damping) else {
-        return Behind::Plot([x, y]);
+    let Some(gain) = along(evidence.damping()) else {
+        return Behind::Plot([x, y], Plane::default());
     };
     if let Some(families) = families {
         let plots = DAMPING.map(|damping| {
             let gain = along(damping).unwrap_or(gain);
             (moved.plot(gain), gain)
         });
-        families.follow(row, &plots, radar);
+        families.follow(row, &plots, gain, noisy);
     }
     let plot = moved.plot(gain);
     let [east, north] = [plot[0] - x, plot[1] - y];
-    if east.hypot(north) <= moved.largest_lag(row, radar) {
-        return Behind::Plot(plot);
+    if east.hypot(north) <= moved.largest_lag(row, noisy) {
+        let [du, dv] = [plot[0] - moved.predicted[0], plot[1] - moved.predicted[1]];
+        let unsure = evidence.unsure();
+        return Behind::Plot(plot, outer([unsure * du, unsure * dv]));
     }
     // the gain is not what it seems to be: the state, which may be as wrong as the plot is far away
-    let Plane { xx, xy, yy } = covariance;
-    let covariance = Plane { xx: xx + east * east, xy: xy + east * north, yy: yy + north * north };
-    Behind::State([x, y], covariance)
+    Behind::State([x, y], covariance.plus(outer([east, north])))
+}
+
+/// Covariance of a position that may be wrong by this in one direction.
+fn outer([x, y]: [f64; 2]) -> Plane {
+    Plane { xx: x * x, xy: x * y, yy: y * y }
 }
 
 #[cfg(test)]
@@ -259,9 +265,9 @@ mod tests {
                 None,
                 (row, is_doubtful(row, &radar)),
                 &before,
-                (&mut gain, 2.0, false),
+                (&mut gain, &Evidence::default(), false),
                 None,
-                &radar,
+                (&radar, &radar),
             )
         };
         let found = behind(&doubtful, [past(&sure), None]);
@@ -269,7 +275,7 @@ mod tests {
         let found = behind(&row(8.0, 1e3), [past(&doubtful), past(&sure)]);
         assert!(matches!(found, Behind::State(_, own) if own.xx == 1e3));
         let found = behind(&row(4.0, 1e3), [past(&sure), None]);
-        assert!(matches!(found, Behind::Plot(_)));
+        assert!(matches!(found, Behind::Plot(..)));
     }
 
     /// A correction that would lead to a plot many scans away.
@@ -293,12 +299,12 @@ mod tests {
                 None,
                 (&row(4.0, north), false),
                 &[Some(last), None],
-                (&mut gain, 2.0, false),
+                (&mut gain, &Evidence::default(), false),
                 None,
-                &radar,
+                (&radar, &radar),
             )
         };
-        assert!(matches!(behind(100.0), Behind::Plot(_)));
+        assert!(matches!(behind(100.0), Behind::Plot(..)));
         let far = 4.0 * LONGEST_LAG * radar.scan_period * 200.0;
         assert!(
             matches!(behind(far), Behind::State([_, y], own) if y == 30e3 + far && own.yy > far * far)
@@ -320,8 +326,14 @@ mod tests {
         };
         let (last, own) = (Past::new(&row(0.0, -780.0), false, 0.0), row(4.0, 0.0));
         let mut gain = Gain::default();
-        let found =
-            behind(None, (&own, false), &[Some(last), None], (&mut gain, 2.0, false), None, &radar);
-        assert!(matches!(found, Behind::Plot(plot) if plot.iter().all(|x| x.is_finite())));
+        let found = behind(
+            None,
+            (&own, false),
+            &[Some(last), None],
+            (&mut gain, &Evidence::default(), false),
+            None,
+            (&radar, &radar),
+        );
+        assert!(matches!(found, Behind::Plot(plot, _) if plot.iter().all(|x| x.is_finite())));
     }
 }
