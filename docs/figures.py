@@ -28,6 +28,7 @@ from studies import (
     charts,
     constant_errors,
     contamination,
+    contradictions,
     delays,
     deviations,
     existence,
@@ -206,6 +207,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "speed changes": tertiary.speed_changes,
         "expectations": tertiary.expectations,
         "sources": fused_tracks.sources,
+        "contradictions": contradictions.contradictions,
         "few": fused_tracks.few,
     },
     "registration.md": {
