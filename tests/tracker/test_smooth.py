@@ -378,6 +378,7 @@ class Registered:
     def __init__(self, sensors):
         self.sensors = sensors
         self.covariance = np.zeros((4 * len(sensors), 4 * len(sensors)))
+        self.deviation_covariance = None
 
     def _removed(self, plots):
         bias = own_biases(self.sensors)

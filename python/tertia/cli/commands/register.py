@@ -68,8 +68,8 @@ def register(
         note(f"the errors of {name} changed suddenly at {time}; those at the end are written")
     if found.registration.bias.deviation_order > 0:
         note(
-            "azimuth errors change with the azimuth; azimuth_bias_sigma_deg contains this, because "
-            "tertia track does not remove it"
+            "azimuth errors change with the azimuth; azimuth_bias_sigma_deg contains this, which a "
+            "sensors file does not describe"
         )
     if output is not None:
         write.write(rows, output)
