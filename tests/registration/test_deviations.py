@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checks import in_region
+from scipy import signal
 
 from tertia import simulate
 from tertia.registration import register
@@ -113,6 +114,22 @@ def test_a_tracker_without_deviations_finds_none():
         tracker = Tracker(RADARS[:2])
         tracker.update(record.plots)
         assert tracker.bias.deviation_order == 0
+
+
+def test_errors_that_last_for_some_scans_are_no_deviations():
+    traffic = simulate.dense_traffic(20, area=(120e3, 120e3), duration=600.0, rng=[1, 11])
+    exact = [replace(one, range_sigma=1e-3, azimuth_sigma=1e-8) for one in RADARS[:2]]
+    record = simulate.radar_plots(traffic, exact, rng=[2, 11])
+    plots, random, noise = record.plots, np.random.default_rng(3), np.zeros((len(record.plots), 2))
+    for target in range(20):
+        for sensor in range(2):
+            own = np.flatnonzero((record.target == target) & (plots.sensor == sensor))
+            fresh = random.normal(size=(len(own), 2))
+            noise[own] = signal.lfilter([np.sqrt(0.51)], [1.0, -0.7], fresh, axis=0)
+    off = noise * [50.0, np.radians(0.08)]
+    tracker = Tracker(RADARS[:2])
+    tracker.update(replace(plots, range=plots.range + off[:, 0], azimuth=plots.azimuth + off[:, 1]))
+    assert tracker.bias.deviation_order == 0
 
 
 def test_a_tracker_with_deviations_is_saved_and_the_same_for_all_threads():

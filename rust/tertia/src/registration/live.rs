@@ -83,6 +83,8 @@ pub struct Registrar {
     time: f64,
     /// Time at which targets are next searched for deviations of azimuths.
     looked: f64,
+    /// Whether `clusters` contains only blocks for which the noise was known.
+    knows_noise: bool,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: Roster,
     /// Plots of the last scans that no confirmed track has taken.
@@ -128,6 +130,7 @@ impl Registrar {
             delays: vec![0.0; k],
             time: f64::NEG_INFINITY,
             looked: f64::NEG_INFINITY,
+            knows_noise: false,
             open: BTreeMap::new(),
             tracks: Roster::default(),
             loose: Vec::new(),

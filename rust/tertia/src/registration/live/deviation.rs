@@ -1,11 +1,12 @@
 //! Deviations of azimuths with the direction, once targets show that there are any.
 
 use super::Registrar;
+use crate::registration::block::{Unknown, Unknowns};
 use crate::registration::gaussian::scaled;
 use crate::registration::recording::of_deviation;
 use crate::registration::sighting::{AZIMUTH, CLOCK, ERRORS, Errors, KINDS};
 use crate::registration::targets::for_each;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Time between searches for deviations, s.
 const LOOK: f64 = 30.0;
@@ -13,6 +14,11 @@ const LOOK: f64 = 30.0;
 /// and those for differences beside the deviations, once these are estimated.
 const DIFFERENT: f64 = 5.0;
 const BESIDE: f64 = 3.0;
+/// Ratio of the noise that a tracker has found for errors that last to the noise of blocks, from which on errors of
+/// targets differ because they last for some scans.
+const LASTING: f64 = 1.2;
+/// Number of redundant measurements of a radar, on average, from which its noise is known.
+const ENOUGH: f64 = 50.0;
 /// Least standard deviation between targets, over that of the noise of azimuths: turns and other motions of which
 /// blocks are not aware cause smaller differences.
 const LEAST: f64 = 0.2;
@@ -66,37 +72,60 @@ impl Registrar {
     }
 
     /// Compares the azimuth errors of targets. If they differ, deviations are estimated from now on; what the
-    /// blocks so far say of the errors is forgotten, as it was learnt without deviations.
-    pub(super) fn deviate(&mut self, time: f64) {
+    /// blocks so far say of the errors is forgotten, as it was learnt without deviations. `used` is the noise of the
+    /// tracker, as for [`Registrar::learn`].
+    pub(super) fn deviate(&mut self, used: &[[[f64; 2]; 2]], time: f64) {
         if time < self.looked + LOOK {
             return;
         }
         self.looked = time;
+        if !self.knows_noise {
+            self.compare_from_now();
+            return;
+        }
+        let lasts = |k: usize| used[k][1][1] > LASTING * self.own_noise(k)[1];
+        if (0..used.len()).any(lasts) {
+            self.forget_deviations();
+            return;
+        }
         let Some(stated) = scaled(&self.known.covariance, self.excess) else { return };
-        let deviates = self.deviates();
-        self.apart = self.clusters.apart(&stated, if deviates { BESIDE } else { DIFFERENT });
-        if deviates || self.apart.iter().all(|variance| *variance == 0.0) {
+        if self.deviates() {
+            self.apart = self.clusters.apart(&stated, BESIDE);
             return;
         }
-        let (unknowns, apart) = (self.unknowns(), std::mem::take(&mut self.apart));
-        let size = |k: usize| {
-            let (column, sigma) = unknowns[k][AZIMUTH]?;
-            (apart[column] > 0.0).then(|| sigma * apart[column].sqrt())
+        let sizes = self.sizes(&self.clusters.apart(&stated, DIFFERENT));
+        if sizes.iter().sum::<f64>() > LEAST * self.noise_of(&sizes) {
+            self.allow_deviations(|k| (sizes[k] > 0.0).then(|| sizes[k]));
+            let order = self.known.mean.len();
+            self.known.covariance = DMatrix::identity(order, order);
+            self.excess = 1.0;
+            self.clusters.clear();
+            self.recent.clear();
+        }
+    }
+
+    /// Compares targets from now on if the noise of azimuths is known: if it is larger than stated, the errors in
+    /// the blocks so far seem to differ.
+    fn compare_from_now(&mut self) {
+        let known: f64 = self.redundancy.iter().map(|[_, azimuth]| azimuth).sum();
+        if known > ENOUGH * self.radars.len() as f64 {
+            self.knows_noise = true;
+            self.clusters.clear();
+        }
+    }
+
+    /// Returns the standard deviations between targets of the azimuth errors of each radar, rad.
+    fn sizes(&self, apart: &DVector<f64>) -> Vec<f64> {
+        let size = |own: &Unknown| {
+            own[AZIMUTH].map_or(0.0, |(column, sigma)| sigma * apart[column].sqrt())
         };
-        let (mut sum, mut noise) = (0.0, 0.0);
-        for (k, size) in (0..unknowns.len()).filter_map(|k| Some((k, size(k)?))) {
-            sum += size;
-            noise += self.own_noise(k)[1];
-        }
-        if sum < LEAST * noise {
-            return;
-        }
-        self.allow_deviations(size);
-        let order = self.known.mean.len();
-        self.known.covariance = DMatrix::identity(order, order);
-        self.excess = 1.0;
-        self.clusters.clear();
-        self.recent.clear();
+        self.unknowns().iter().map(size).collect()
+    }
+
+    /// Returns the sum of the azimuth noise of the radars whose azimuth errors differ, rad.
+    fn noise_of(&self, sizes: &[f64]) -> f64 {
+        let differs = |k: &usize| sizes[*k] > 0.0;
+        (0..sizes.len()).filter(differs).map(|k| self.own_noise(k)[1]).sum()
     }
 
     /// Returns a covariance of the errors, in units of the prior, at a target instead of the mean over all targets.
@@ -114,10 +143,27 @@ impl Registrar {
 
     /// Adds the deviation to the unknown errors of radars for which `size` gives its standard deviation.
     fn allow_deviations(&mut self, size: impl Fn(usize) -> Option<f64>) {
-        let (before, radars) = (self.unknowns(), self.radars.len());
-        for (k, size) in (0..radars).filter_map(|k| Some((k, size(k)?))) {
+        let before = self.unknowns();
+        for (k, size) in (0..before.len()).filter_map(|k| Some((k, size(k)?))) {
             self.sigma[k][KINDS..].copy_from_slice(&of_deviation(size));
         }
+        self.renumber(&before);
+    }
+
+    /// Removes all deviations from the unknown errors.
+    fn forget_deviations(&mut self) {
+        if self.deviates() {
+            let before = self.unknowns();
+            self.sigma.iter_mut().for_each(|own| own[KINDS..].fill(0.0));
+            self.renumber(&before);
+            self.apart = DVector::zeros(0);
+            self.clusters.clear();
+            self.recent.clear();
+        }
+    }
+
+    /// Rearranges what is known of the errors, which had these numbers before.
+    fn renumber(&mut self, before: &Unknowns) {
         let (mut places, mut rates) = (Vec::new(), Vec::new());
         for_each(&self.unknowns(), |k, j, _, _| {
             let [own, azimuth] = [j, AZIMUTH].map(|j| before[k][j].map(|(column, _)| column));

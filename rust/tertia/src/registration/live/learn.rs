@@ -51,7 +51,7 @@ impl Registrar {
         self.forget(time, alive);
         let tracks = self.shift(&moved);
         self.end(loose, time);
-        self.deviate(time);
+        self.deviate(used, time);
         tracks
     }
 
