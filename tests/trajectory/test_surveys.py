@@ -1,6 +1,7 @@
 """Stations whose surveyed positions are wrong, and which have other systematic errors as well."""
 
 import numpy as np
+import pytest
 from scipy import stats
 
 from tertia.sensors import Bias, Station
@@ -56,3 +57,26 @@ def test_errors_of_which_nothing_is_known_take_survey_errors_in():
         solved = np.linalg.solve(own, error[..., np.newaxis])[..., 0]
         inside.append(np.sum(error * solved, axis=1) < stats.chi2.ppf(0.95, 2))
     assert np.mean(inside) >= 0.9
+
+
+@pytest.mark.filterwarnings("ignore:two paths explain")  # of the second
+@pytest.mark.parametrize("seed", [9011, 9015, 9012])
+def test_survey_errors_do_not_choose_the_side_of_nearly_level_stations(seed):
+    """Otherwise the first two paths were below the stations, by 30 of their sigmas."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(150.0)
+    places = np.column_stack([rng.uniform(-3e3, 3e3, (6, 2)), rng.uniform(0.0, 150.0, 6)])
+    east, north = rng.uniform(0.0, 6.3, 2)
+    path = np.column_stack(
+        [
+            1800 * np.sin(time / 133.3 + east),
+            1500 * np.cos(time / 105.26 + north),
+            900 + 150 * np.sin(time / 30),
+        ]
+    )
+    away = path[:, np.newaxis] - places - SURVEY * rng.standard_normal(places.shape)
+    rng.standard_normal(7)
+    ranges = np.linalg.norm(away, axis=-1) + 3.0 * rng.standard_normal((150, 6))
+    stations = [Station(place, range_sigma=3.0, position_sigma=SURVEY) for place in places]
+    track = reconstruct(stations, time, range=ranges, bias=Bias())
+    assert np.median(np.abs(track.position[:, 2] - path[:, 2])) < 60.0

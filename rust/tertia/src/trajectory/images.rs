@@ -1,8 +1,10 @@
 //! Choice between two paths that are mirror images.
 
+use super::bias::weights;
 use super::failure::Failure;
 use super::fixes::Fixes;
 use super::found::{Found, Setting};
+use super::instant::Instant;
 use super::measured::{Measured, Record};
 use super::mirror::{ABOVE, AMBIGUOUS, Mirror};
 use super::prior::Systematic;
@@ -10,6 +12,7 @@ use super::survey;
 use crate::base::angle::median;
 use crate::location::Status;
 use crate::sensors::KINDS;
+use nalgebra::{DMatrix, DVector};
 use std::rc::Rc;
 
 /// Size of a residual, in sigmas, above which its cost no longer grows.
@@ -19,6 +22,9 @@ const MOST: f64 = 4.0;
 /// which the other of two paths on either side is wrong.
 const LIKELIER: f64 = 10.0;
 const FAR: f64 = 20.0;
+
+/// Standard deviation of an error of which nothing is known, in those of the measurement.
+const UNKNOWN: f64 = 1e3;
 
 /// Ratio of the costs of two paths up to which either may be right.
 const HARDLY_MORE: f64 = 2.0;
@@ -168,15 +174,18 @@ fn is_lost<T, const D: usize, const N: usize>(
     was_far(best) || was_far(1 - best) && costs[1 - best] < HARDLY_MORE * costs[best]
 }
 
-/// Half the sum of the squared residuals. Columns that are not trusted, or whose station may be elsewhere than
-/// surveyed, may have constant errors of the stated size, all or none of them, whichever is likelier: each
-/// costs its square and, as it is determined by all residuals of its column, the ratio of its prior standard
-/// deviation to the one that remains (Laplace's approximation).
+/// Half the sum of the squared residuals. Columns that are not trusted may have constant errors of the stated
+/// size, all or none of them, whichever is likelier: each costs its square and, as it is determined by all
+/// residuals of its column, the ratio of its prior standard deviation to the one that remains (Laplace's
+/// approximation). Errors of stations that may be elsewhere than surveyed change along the path.
 fn cost<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
     systematic: &Systematic,
 ) -> f64 {
+    if record.surveys.is_some() {
+        return cost_with_surveys(record, found, systematic);
+    }
     let width = record.width();
     let mut residuals = vec![Vec::new(); width];
     for t in 0..record.len() {
@@ -184,7 +193,6 @@ fn cost<const D: usize, const N: usize>(
             residuals[found.measured.column[m]].push(row.residual);
         }
     }
-    let surveys = survey::variances(record, found).unwrap_or_else(|| vec![0.0; width]);
     let (mut without, mut with) = (0.0, 0.0);
     for (column, own) in residuals.iter_mut().enumerate().filter(|(_, own)| !own.is_empty()) {
         let sum = |own: &[f64], constant: f64| -> f64 {
@@ -192,18 +200,85 @@ fn cost<const D: usize, const N: usize>(
         };
         let none = sum(own, 0.0);
         without += none;
-        let trusted = systematic.is_trusted(column, width / KINDS);
-        let moved = surveys.get(column).map_or(0.0, |v| v / record.sigmas[column].powi(2));
-        let variance = f64::from(u8::from(!trusted)) + moved;
-        with += if variance == 0.0 {
+        with += if systematic.is_trusted(column, width / KINDS) {
             none
         } else {
             let constant = median(own);
-            let prior = constant * constant / variance + (own.len() as f64 * variance).ln_1p();
-            sum(own, constant) + 0.5 * prior
+            sum(own, constant) + 0.5 * (constant * constant + (own.len() as f64).ln_1p())
         };
     }
     f64::min(without, with)
+}
+
+/// As [`cost`], with the errors of all stations and columns together. The smoothness of the path is not used.
+fn cost_with_surveys<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    systematic: &Systematic,
+) -> f64 {
+    let (errors, prior) = systematic_errors(record, found, systematic);
+    let (mut without, mut with) = (0.0, prior);
+    for t in 0..record.len() {
+        for (m, row, _) in found.rows(t).filter(|(_, row, _)| !row.residual.is_nan()) {
+            let error = errors[t * record.width() + found.measured.column[m]];
+            let capped = |residual: f64| 0.5 * residual.powi(2).min(MOST * MOST);
+            without += capped(row.residual);
+            with += capped(row.residual - error * found.measured.precision(m));
+        }
+    }
+    f64::min(without, with)
+}
+
+/// Returns the part of the residuals (N, 5 K) that the likeliest systematic errors explain with the positions of
+/// the instants free, and what these errors cost: their squares, and the ratios of their prior standard
+/// deviations to those that remain (Laplace's approximation).
+fn systematic_errors<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    systematic: &Systematic,
+) -> (Vec<f64>, f64) {
+    let width = record.width();
+    let (weight, _) = weights(record, found, &vec![0.0; width]);
+    let instants: Vec<Instant<D>> =
+        (0..record.len()).map(|t| found.instant(t, &weight, &[])).collect();
+    let rows = || instants.iter().flat_map(|own| &own.rows);
+    let constant = |column: usize| {
+        let sigma = match systematic.sigma(column, record) {
+            0.0 => record.sigmas[column],
+            stated => stated.min(UNKNOWN * record.sigmas[column]),
+        };
+        let error = |at| if at % width == column { sigma } else { 0.0 };
+        (0..record.len() * width).map(error).collect::<Vec<f64>>()
+    };
+    let free = (0..width).filter(|&column| !systematic.is_trusted(column, width / KINDS));
+    let free = free.filter(|column| rows().any(|row| row.0 == *column)).map(constant);
+    let surveyed = record.surveys.into_iter().flat_map(|own| survey::effects(record, found, own));
+    let left: Vec<DVector<f64>> = free
+        .chain(surveyed)
+        .map(|errors| {
+            let own = instants.iter().zip(errors.chunks_exact(width));
+            let own: Vec<f64> = own.flat_map(|(one, errors)| one.unexplained(errors)).collect();
+            DVector::from_vec(own)
+        })
+        .collect();
+    let mut errors = vec![0.0; record.len() * width];
+    if left.is_empty() {
+        return (errors, 0.0);
+    }
+    let left = DMatrix::from_columns(&left);
+    let mut weighted = left.clone();
+    for (mut own, row) in weighted.row_iter_mut().zip(rows()) {
+        own *= row.1;
+    }
+    let residual = DVector::from_iterator(left.nrows(), rows().map(|row| row.2));
+    let information = left.tr_mul(&weighted) + DMatrix::identity(left.ncols(), left.ncols());
+    let Some(factor) = information.cholesky() else { return (errors, f64::INFINITY) };
+    let likeliest = factor.solve(&weighted.tr_mul(&residual));
+    let explained = left * &likeliest;
+    let places = instants.iter().enumerate();
+    let places = places.flat_map(|(t, own)| own.rows.iter().map(move |row| t * width + row.0));
+    places.zip(&explained).for_each(|(at, one)| errors[at] = *one);
+    (errors, 0.5 * likeliest.norm_squared() + factor.l().diagonal().map(f64::ln).sum())
 }
 
 /// Returns the mirror image of a path (N, 3D), if either of the two may be right. It is an error if

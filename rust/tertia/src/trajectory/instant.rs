@@ -129,6 +129,24 @@ impl<const D: usize> Instant<D> {
         }
     }
 
+    /// Returns errors of the columns, one for each row, less the parts that the position explains.
+    pub fn unexplained(&self, errors: &[f64]) -> Vec<f64> {
+        let mut own: Vec<f64> = self.rows.iter().map(|(column, ..)| errors[*column]).collect();
+        for (range, total) in &self.groups {
+            let sum: f64 = range.clone().map(|i| self.rows[i].1 * own[i]).sum();
+            own[range.clone()].iter_mut().for_each(|v| *v -= sum / total);
+        }
+        let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
+        let mut moved = [0.0; D];
+        for ((_, w, _, gradient, _), error) in self.rows.iter().zip(&own) {
+            for i in 0..D {
+                moved[i] += w * error * dot(&inverse[i], gradient);
+            }
+        }
+        let rows = own.iter().zip(&self.rows);
+        rows.map(|(error, (_, _, _, gradient, _))| error - dot(gradient, &moved)).collect()
+    }
+
     /// Returns the residuals less the parts that the position and these biases explain.
     pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
         let mut moved = [0.0; D];

@@ -5,7 +5,7 @@ use super::bias::{Biases, add_covariance, smoothed, weights};
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::measured::Measured;
-use super::survey::shifts;
+use super::survey::{errors, shifts};
 use crate::location::Speed;
 use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
@@ -28,7 +28,8 @@ pub(super) fn add_error<const D: usize, const N: usize>(
     }
     let measured = Measured::<D>::new(record, values);
     let (weight, _) = weights(record, found, &found.lasting(record));
-    let (response, spread) = shifts(record, found, &measured, &weight, biases);
+    let (response, spread) =
+        shifts(record, found, &errors(record, found, &measured), &weight, biases);
     let means = smoothed(setting, &[response], &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(1, 1), covariance);
     Ok(())
@@ -61,7 +62,8 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
             }
         }
         let measured = Measured::<D>::new(record, values);
-        let (response, inverse) = shifts(record, found, &measured, &weight, biases);
+        let (response, inverse) =
+            shifts(record, found, &errors(record, found, &measured), &weight, biases);
         responses.push(response);
         spread = inverse;
     }

@@ -21,19 +21,13 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let record = setting.record;
-    let k = record.width() / KINDS;
     let (weight, _) = weights(record, found, &found.lasting(record));
     let mut moves = Vec::new();
     let mut spread = Vec::new();
-    for station in (0..k).filter(|&station| sigma[station] > 0.0) {
-        for axis in 0..D {
-            let own = moved::<D>(record, station * D + axis, sigma[station]);
-            let record = Record { stations: &own, ..*record };
-            let measured = Measured::<D>::new(&record, found.measured.values.clone());
-            let (response, inverse) = shifts(&record, found, &measured, &weight, biases);
-            moves.push(response);
-            spread = inverse;
-        }
+    for errors in effects(record, found, sigma) {
+        let (response, inverse) = shifts(record, found, &errors, &weight, biases);
+        moves.push(response);
+        spread = inverse;
     }
     let means = smoothed(setting, &moves, &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(moves.len(), moves.len()), covariance);
@@ -71,12 +65,46 @@ fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec
     own
 }
 
-/// Returns by how much the positions move (N, D) if `measured` replaces the measurements and stations, and
-/// the covariances of the positions (N, D, D). Biases that were estimated from the measurements move, too.
-pub(super) fn shifts<const D: usize, const N: usize>(
+/// Returns the errors of the measurements (N, 5 K) due to an error of one standard deviation in each coordinate
+/// of each station.
+pub(super) fn effects<'a, const D: usize, const N: usize>(
+    record: &'a Record<'_>,
+    found: &'a Found<D, N>,
+    sigma: &'a [f64],
+) -> impl Iterator<Item = Vec<f64>> + 'a {
+    let uncertain = (0..sigma.len()).filter(|&station| sigma[station] > 0.0);
+    let coordinates = uncertain.flat_map(|station| (0..D).map(move |axis| (station, axis)));
+    coordinates.map(|(station, axis)| {
+        let own = moved::<D>(record, station * D + axis, sigma[station]);
+        let values = found.measured.values.clone();
+        let measured = Measured::<D>::new(&Record { stations: &own, ..*record }, values);
+        errors(record, found, &measured)
+    })
+}
+
+/// Returns the changes of the residuals (N, 5 K) if `measured` replaces the measurements and stations.
+pub(super) fn errors<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
     measured: &Measured<D>,
+) -> Vec<f64> {
+    let mut errors = vec![0.0; record.len() * record.width()];
+    for (t, own) in errors.chunks_exact_mut(record.width()).enumerate() {
+        let place = found.place(t);
+        let pairs = measured.rows(t, place).zip(found.measured.rows(t, place));
+        for ((m, there), (_, here)) in pairs {
+            own[measured.column[m]] = (there.residual - here.residual) / measured.precision(m);
+        }
+    }
+    errors
+}
+
+/// Returns by how much errors of the measurements (N, 5 K) move the positions (N, D), and the covariances of
+/// the positions (N, D, D). Biases that were estimated from the measurements move, too.
+pub(super) fn shifts<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    errors: &[f64],
     weight: &[f64],
     biases: Option<&Biases>,
 ) -> (Vec<f64>, Vec<f64>) {
@@ -86,16 +114,11 @@ pub(super) fn shifts<const D: usize, const N: usize>(
     let (_, spread) = responses(&instants, 0);
     let mut shift = vec![f64::NAN; record.len() * D];
     let mut scores = DVector::zeros(columns.len());
-    for (t, instant) in instants.iter().enumerate() {
-        let place = found.place(t);
+    for (t, (instant, errors)) in
+        instants.iter().zip(errors.chunks_exact(record.width())).enumerate()
+    {
         let Some(inverse) = instant.inverse else { continue };
-        let mut errors = vec![0.0; record.width()];
-        let pairs = measured.rows(t, place).zip(found.measured.rows(t, place));
-        for ((m, there), (_, here)) in pairs.filter(|((m, _), _)| weight[*m] > 0.0) {
-            let error = (there.residual - here.residual) / measured.precision(m);
-            errors[measured.column[m]] = error;
-        }
-        instant.add_scores(&errors, &mut scores);
+        instant.add_scores(errors, &mut scores);
         let mut pull = [0.0; D];
         for (column, w, _, gradient, _) in &instant.rows {
             for i in 0..D {

@@ -219,8 +219,15 @@ impl<'a> Sure<'a> {
         let own: Vec<usize> = self.instants.iter().copied().filter(measured).collect();
         let all = (0..self.record.len()).filter(measured).count();
         let is_enough = own.len() >= ENOUGH && 2 * own.len() >= all;
-        is_enough
-            .then(|| errors(self.record, self.systematic, column, &self.fixes.residual, own.iter()))
+        is_enough.then(|| {
+            errors(
+                self.record,
+                self.systematic,
+                column,
+                (&self.fixes.position, &self.fixes.residual),
+                own.iter(),
+            )
+        })
     }
 
     /// Whether at most instants these columns determine the position without any other one.
@@ -290,7 +297,8 @@ fn disturbing<const D: usize>(
         residuals::<D, D>(record, record.values.to_vec(), &fixes.position, &fixes.outlier);
     let known = |t: &usize| !residual[t * record.width() + column].is_nan();
     let known: Vec<usize> = (0..record.len()).filter(known).collect();
-    let errors = errors(record, systematic, column, &residual, known.iter());
+    let seen = (&*fixes.position, &*residual);
+    let errors = errors(record, systematic, column, seen, known.iter());
     (errors.len() >= ENOUGH && changes(errors)).then_some(column)
 }
 
@@ -351,17 +359,35 @@ fn typical(numbers: impl Iterator<Item = f64>) -> f64 {
     *all.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// Errors of a column at these instants, in standard deviations with that of its stated systematic error.
+/// Errors of a column at these instants, in standard deviations with those of its stated systematic error and of
+/// the survey.
 fn errors<'a>(
     record: &Record<'_>,
     systematic: &Systematic,
     column: usize,
-    residual: &[f64],
+    (position, residual): (&[f64], &[f64]),
     instants: impl Iterator<Item = &'a usize>,
 ) -> Vec<f64> {
     let stated = systematic.sigma(column, record);
-    let expected = |t: usize| f64::hypot(1.0, stated / record.sigmas_at(t)[column]);
+    let expected = |t: usize| {
+        let lasting = f64::hypot(stated, surveyed(record, position, t, column));
+        f64::hypot(1.0, lasting / record.sigmas_at(t)[column])
+    };
     instants.map(|t| residual[t * record.width() + column] / expected(*t)).collect()
+}
+
+/// Standard deviation of the error that the survey of its station causes in a column at an instant.
+fn surveyed(record: &Record<'_>, position: &[f64], t: usize, column: usize) -> f64 {
+    let (k, d) = (record.receivers(), position.len() / record.len());
+    let Some(sigma) = record.surveys.map(|own| own[column % k]).filter(|own| *own > 0.0) else {
+        return 0.0;
+    };
+    if column / k != Kind::Azimuth as usize && column / k != Kind::Elevation as usize {
+        return sigma;
+    }
+    let at = (t * k + column % k) * d % record.stations.len();
+    let away = record.stations[at..][..d].iter().zip(&position[t * d..][..d]);
+    sigma / away.map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Whether errors in standard deviations are not those of a station with a small constant error.
