@@ -36,4 +36,9 @@ impl Plane {
     pub(crate) fn form(self, v: [f64; 2]) -> f64 {
         self.xx * v[0] * v[0] + 2.0 * self.xy * v[0] * v[1] + self.yy * v[1] * v[1]
     }
+
+    /// `M v`
+    pub(crate) fn times(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.xx * x + self.xy * y, self.xy * x + self.yy * y]
+    }
 }

@@ -99,8 +99,8 @@ impl Families {
     pub fn follow(
         &mut self,
         row: &Row,
-        plots: &[([f64; 2], [f64; 2]); COUNT],
-        used: [f64; 2],
+        plots: &[([f64; 2], Plane); COUNT],
+        used: Plane,
         radar: &Radar,
     ) {
         let noise = radar.noise_at([row.state[0], row.state[1]], row.above(radar));
@@ -108,13 +108,13 @@ impl Families {
         let mut is_turning = false;
         for (k, (follower, (plot, gain))) in self.followers.iter_mut().zip(plots).enumerate() {
             // a smaller gain puts the plots farther away
-            let noise = noise.scaled(used[0] * used[1] / (gain[0] * gain[1]));
+            let noise = noise.scaled(used.determinant() / gain.determinant());
             follower.predict(&model(), row.time, radar.scan_period);
             let Estimate { mean, covariance: p } = follower.estimate();
             let both = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] }.plus(noise);
             let off = [plot[0] - mean[0], plot[1] - mean[1]];
             found.square[k] = (0.5 * both.inverse().form(off)).min(LARGEST);
-            found.area[k] = 0.5 * both.determinant().ln() + gain[0].ln() + gain[1].ln();
+            found.area[k] = 0.5 * both.determinant().ln() + gain.determinant().ln();
             follower.correct(&model(), *plot, noise);
             is_turning |= follower.turn_probability() > TURNING;
         }
@@ -166,7 +166,8 @@ mod tests {
                 };
                 let plots = DAMPING.map(|damping| {
                     let gain = 1.0 - ((damping - ratio) / (damping + ratio)).powi(2);
-                    ([0, 1].map(|k| before[k] + alpha / gain * y[k]), [gain; 2])
+                    let both = Plane { xx: gain, xy: 0.0, yy: gain };
+                    ([0, 1].map(|k| before[k] + alpha / gain * y[k]), both)
                 });
                 let families = families.get_or_insert_with(|| Families::new(&row, &radar));
                 families.follow(&row, &plots, plots[0].1, &radar);

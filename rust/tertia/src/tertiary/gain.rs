@@ -6,6 +6,7 @@
 //!
 //! `√(1 − α) = (2 − r) / (2 + r)`. In other filters, another damping takes the place of the 2.
 
+use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
 /// Forgetting factor of the sums per row, and the largest step that is used in full, in sigmas of a plot.
@@ -44,8 +45,8 @@ pub(super) struct Step {
     pub position: [f64; 2],
     /// Correction of the velocity, times the time since the previous plot.
     pub velocity: [f64; 2],
-    /// Gain according to the stated covariance, `P⁺ R⁻¹`.
-    pub stated: [f64; 2],
+    /// Gain according to the stated covariance, `P⁺ R⁻¹`, which is symmetric in these units.
+    pub stated: Plane,
 }
 
 impl Gain {
@@ -54,27 +55,30 @@ impl Gain {
         let [a, b] = step.position;
         // in turns the steps are large, but they contain no more information than others
         let scale = (LARGE / a.hypot(b)).min(1.0);
+        let stated = [step.stated.xx, step.stated.yy];
         for (axis, sums) in self.0.iter_mut().enumerate() {
             let (position, velocity) = (scale * step.position[axis], scale * step.velocity[axis]);
             let square = position * position;
             sums.position = MEMORY * sums.position + square;
             sums.both = MEMORY * sums.both + position * velocity;
             sums.velocity = MEMORY * sums.velocity + velocity * velocity;
-            sums.stated = MEMORY * sums.stated + square * step.stated[axis];
+            sums.stated = MEMORY * sums.stated + square * stated[axis];
         }
     }
 
-    /// Estimates α along each axis: the stated gain times a common factor or, if the rows come at other times
-    /// than the plots and their covariances are therefore not those after a plot, the α from the ratio of
+    /// Estimates the gain along and across: the stated gain times a common factor or, if the rows come at other
+    /// times than the plots and their covariances are therefore not those after a plot, the α from the ratio of
     /// corrections on each axis. Returns `None` if velocities change for other reasons than positions.
-    pub fn along(&self, stated: [f64; 2], damping: f64, is_periodic: bool) -> Option<[f64; 2]> {
+    pub fn along(&self, stated: Plane, damping: f64, is_periodic: bool) -> Option<Plane> {
         let explained: f64 = self.0.iter().map(Sums::explained).sum();
         if explained < EXPLAINED * self.0.iter().map(|sums| sums.velocity).sum::<f64>() {
             return None;
         }
         let own = self.0.map(|sums| sums.alpha(damping));
+        let [xx, yy] = own;
+        let own_gain = Plane { xx, xy: 0.0, yy };
         if is_periodic {
-            return Some(own);
+            return Some(own_gain);
         }
         let parts = [0, 1].map(|axis| {
             let sums = self.0[axis];
@@ -84,7 +88,7 @@ impl Gain {
         // otherwise not even the shape of the stated covariance is right
         let is_common = (a * d / (b * c)).ln().abs() < ALIKE;
         let factor = (a + c) / (b + d);
-        Some(if is_common { stated.map(|gain| limited(gain * factor)) } else { own })
+        Some(if is_common { limited_gain(stated.scaled(factor)) } else { own_gain })
     }
 }
 
@@ -106,6 +110,12 @@ fn limited(gain: f64) -> f64 {
     gain.clamp(LEAST, LARGEST)
 }
 
+/// Limits the gain along and across, without changing their correlation.
+fn limited_gain(gain: Plane) -> Plane {
+    let (xx, yy) = (limited(gain.xx), limited(gain.yy));
+    Plane { xx, xy: gain.xy * (xx / gain.xx * yy / gain.yy).sqrt(), yy }
+}
+
 /// β / α of a filter with this α.
 fn ratio(gain: f64) -> f64 {
     let root = (1.0 - gain).sqrt();
@@ -118,14 +128,16 @@ mod tests {
     use crate::base::random::Random;
 
     /// Estimated gains for a filter with these actual and stated gains.
-    fn found(gain: [f64; 2], stated: [f64; 2], is_periodic: bool) -> [f64; 2] {
+    fn found(gain: [f64; 2], [xx, yy]: [f64; 2], is_periodic: bool) -> [f64; 2] {
+        let stated = Plane { xx, xy: 0.0, yy };
         let (mut random, mut filter) = (Random::new(7), Gain::default());
         for _ in 0..60 {
             let position = gain.map(|gain| gain * (4.0 * random.uniform() - 2.0));
             let velocity = [0, 1].map(|axis| ratio(gain[axis]) * position[axis]);
             filter.see(&Step { position, velocity, stated });
         }
-        filter.along(stated, 2.0, is_periodic).unwrap()
+        let found = filter.along(stated, 2.0, is_periodic).unwrap();
+        [found.xx, found.yy]
     }
 
     #[test]
@@ -142,12 +154,13 @@ mod tests {
 
     #[test]
     fn velocities_that_have_nothing_to_do_with_positions() {
+        let stated = Plane { xx: 0.5, xy: 0.0, yy: 0.5 };
         let (mut random, mut other) = (Random::new(7), Gain::default());
         for _ in 0..60 {
             let [a, b, c, d] = [0; 4].map(|_| 4.0 * random.uniform() - 2.0);
-            other.see(&Step { position: [a, b], velocity: [c, d], stated: [0.5; 2] });
+            other.see(&Step { position: [a, b], velocity: [c, d], stated });
         }
-        assert_eq!(other.along([0.5; 2], 2.0, false), None);
-        assert!(Gain::default().along([0.5; 2], 2.0, false).is_some());
+        assert_eq!(other.along(stated, 2.0, false), None);
+        assert!(Gain::default().along(stated, 2.0, false).is_some());
     }
 }

@@ -76,19 +76,20 @@ struct Moved {
 }
 
 impl Moved {
-    /// Returns the correction by a row, relative to a prediction from the last row with this rate of turn.
-    fn new(row: &Row, last: &Past, rate: f64, radar: &Radar) -> Self {
+    /// Returns the correction by a row, relative to a prediction from the last row with this rate of turn, in
+    /// standard deviations of a plot at `place`.
+    fn new(row: &Row, last: &Past, rate: f64, radar: &Radar, place: [f64; 2]) -> Self {
         let [x, y, vx, vy] = row.state;
         let t = row.time - last.time;
         let predicted = last.carried(t, rate);
         let (sine, cosine) = (rate * t).sin_cos();
         let [.., px, py] = last.state;
         let by = [vx - cosine * px + sine * py, vy - sine * px - cosine * py];
-        let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
+        let (dx, dy) = (place[0] - radar.position[0], place[1] - radar.position[1]);
         let ground = dx.hypot(dy);
         // exactly above the radar, the direction is arbitrary
         let [e, n] = if ground > 0.0 { [dx / ground, dy / ground] } else { [0.0, 1.0] };
-        let noise = radar.noise_at([x, y], row.above(radar));
+        let noise = radar.noise_at(place, row.above(radar));
         let axes = [[e, n], [n, -e]].map(|[east, north]| {
             let sigma = noise.form([east, north]).sqrt();
             [east * sigma, north * sigma]
@@ -99,10 +100,13 @@ impl Moved {
         let scans = ((row.time - last.plotted) / period).round().max(1.0);
         let Estimate { covariance: p, .. } = row.estimate(radar);
         let covariance = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
-        let stated = axes.map(|axis| {
-            let variance = axis[0] * axis[0] + axis[1] * axis[1];
-            covariance.form(axis) / (variance * variance)
-        });
+        let [along, across] = axes.map(|[a, b]| [a, b].map(|one| one / (a * a + b * b)));
+        let [east, north] = covariance.times(across);
+        let stated = Plane {
+            xx: covariance.form(along),
+            xy: along[0] * east + along[1] * north,
+            yy: covariance.form(across),
+        };
         let step = Step {
             position: in_sigmas([x - predicted[0], y - predicted[1]]),
             velocity: in_sigmas(by.map(|by| scans * period * by)),
@@ -125,15 +129,16 @@ impl Moved {
     }
 
     /// Returns the plot that caused the correction with these gains.
-    fn plot(&self, gain: [f64; 2]) -> [f64; 2] {
-        let by = self.in_plane([0, 1].map(|axis| self.step.position[axis] / gain[axis]));
+    fn plot(&self, gain: Plane) -> [f64; 2] {
+        let by = self.in_plane(gain.inverse().times(self.step.position));
         [self.predicted[0] + by[0], self.predicted[1] + by[1]]
     }
 }
 
 /// Whether a row only extrapolates the track straight ahead: practically no plot moves a track so little.
 pub(super) fn coasts(row: &Row, last: &Past, radar: &Radar) -> bool {
-    let step = Moved::new(row, last, 0.0, radar).step;
+    let [x, y, ..] = row.state;
+    let step = Moved::new(row, last, 0.0, radar, [x, y]).step;
     step.position.iter().chain(&step.velocity).all(|by| by.abs() < STILL)
 }
 
@@ -183,28 +188,33 @@ pub(super) fn behind(
         return state;
     };
     let rate = before[1].map_or(0.0, |first| last.turning * last.turn_rate(&first));
-    let moved = Moved::new(row, &last, rate, radar);
+    let moved = Moved::new(row, &last, rate, radar, [x, y]);
     if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
         gain.see(&moved.step);
     }
     // if velocities are not derived from positions, the positions are those of the plots
-    let along = |damping| gain.along(moved.step.stated, damping, is_periodic);
-    let Some(gain) = along(evidence.damping()) else {
+    let along = |stated, damping| gain.along(stated, damping, is_periodic);
+    let Some(own) = along(moved.step.stated, evidence.damping()) else {
         return Behind::Plot([x, y], Plane::default());
     };
     if let Some(families) = families {
         let plots = DAMPING.map(|damping| {
-            let gain = along(damping).unwrap_or(gain);
+            let gain = along(moved.step.stated, damping).unwrap_or(own);
             (moved.plot(gain), gain)
         });
-        families.follow(row, &plots, gain, noisy);
+        families.follow(row, &plots, own, noisy);
     }
-    let plot = moved.plot(gain);
+    let plot = moved.plot(own);
     let [east, north] = [plot[0] - x, plot[1] - y];
     if east.hypot(north) <= moved.largest_lag(row, noisy) {
         let [du, dv] = [plot[0] - moved.predicted[0], plot[1] - moved.predicted[1]];
         let unsure = evidence.unsure();
-        return Behind::Plot(plot, outer([unsure * du, unsure * dv]));
+        // near the sensor, the noise at the plot is another one than that at the row
+        let there = Moved::new(row, &last, rate, radar, plot);
+        let other = along(there.step.stated, evidence.damping()).unwrap_or(own);
+        let [ru, rv] = there.plot(other);
+        let turned = outer([ru - plot[0], rv - plot[1]]);
+        return Behind::Plot(plot, outer([unsure * du, unsure * dv]).plus(turned));
     }
     // the gain is not what it seems to be: the state, which may be as wrong as the plot is far away
     Behind::State([x, y], covariance.plus(outer([east, north])))
