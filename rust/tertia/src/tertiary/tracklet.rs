@@ -18,10 +18,15 @@ const DOUBT: f64 = 5.0;
 /// A row that moves a track by less than this, in standard deviations of a plot, has no plot.
 const STILL: f64 = 0.02;
 
-/// Largest error of a plot, in standard deviations, and longest lag of a filter, in scans, with which a plot is
-/// reconstructed.
+/// Largest error of a plot, in standard deviations, and longest lag of a filter, in scans over its gain, with
+/// which a plot is reconstructed.
 const FARTHEST: f64 = 5.0;
-const LONGEST_LAG: f64 = 3.0;
+const LONGEST_LAG: f64 = 1.5;
+/// Most steps to the place of a plot whose noise differs from that at its row, the ratio of a step to the one before
+/// from which on they lead nowhere, and the step that is small enough, in standard deviations of the plot.
+const STEPS: usize = 8;
+const SLOWEST: f64 = 0.5;
+const SMALL: f64 = 0.1;
 
 /// An earlier row of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,12 +125,17 @@ impl Moved {
         [0, 1].map(|k| along * self.axes[0][k] + across * self.axes[1][k])
     }
 
-    /// Largest distance of a plot from its row, m: by noise, and because the filter lags.
-    fn largest_lag(&self, row: &Row, radar: &Radar) -> f64 {
+    /// Largest distance of a plot from its row, m: by noise, and because a filter with this gain lags.
+    fn largest_lag(row: &Row, gain: Plane, radar: &Radar) -> f64 {
         let [x, y, vx, vy] = row.state;
         let Plane { xx, yy, .. } = radar.noise_at([x, y], row.above(radar));
-        let sigma = (xx + yy).sqrt();
-        FARTHEST * sigma + LONGEST_LAG * radar.scan_period * vx.hypot(vy)
+        let lag = LONGEST_LAG * radar.scan_period / gain.determinant().sqrt();
+        FARTHEST * (xx + yy).sqrt() + lag * vx.hypot(vy)
+    }
+
+    /// Distance that is small compared with the noise of a plot.
+    fn small(&self) -> f64 {
+        SMALL * self.axes.iter().fold(f64::INFINITY, |least, [a, b]| least.min(a.hypot(*b)))
     }
 
     /// Returns the plot that caused the correction with these gains.
@@ -206,18 +216,40 @@ pub(super) fn behind(
     }
     let plot = moved.plot(own);
     let [east, north] = [plot[0] - x, plot[1] - y];
-    if east.hypot(north) <= moved.largest_lag(row, noisy) {
-        let [du, dv] = [plot[0] - moved.predicted[0], plot[1] - moved.predicted[1]];
+    if east.hypot(north) <= Moved::largest_lag(row, own, noisy) {
+        let there = |place| {
+            let moved = Moved::new(row, &last, rate, radar, place);
+            moved.plot(along(moved.step.stated, evidence.damping()).unwrap_or(own))
+        };
+        let (plot, step) = settled([x, y], plot, moved.small(), there);
         let unsure = evidence.unsure();
-        // near the sensor, the noise at the plot is another one than that at the row
-        let there = Moved::new(row, &last, rate, radar, plot);
-        let other = along(there.step.stated, evidence.damping()).unwrap_or(own);
-        let [ru, rv] = there.plot(other);
-        let turned = outer([ru - plot[0], rv - plot[1]]);
-        return Behind::Plot(plot, outer([unsure * du, unsure * dv]).plus(turned));
+        let by = [0, 1].map(|k| unsure * (plot[k] - moved.predicted[k]));
+        return Behind::Plot(plot, outer(by).plus(outer(step)));
     }
     // the gain is not what it seems to be: the state, which may be as wrong as the plot is far away
     Behind::State([x, y], covariance.plus(outer([east, north])))
+}
+
+/// Follows a plot behind a row from place to place, because near a sensor, the noise at the plot is another one than
+/// that at the row. Returns the last place, and the step to the next one.
+fn settled(
+    row: [f64; 2],
+    mut plot: [f64; 2],
+    small: f64,
+    there: impl Fn([f64; 2]) -> [f64; 2],
+) -> ([f64; 2], [f64; 2]) {
+    let mut length = (plot[0] - row[0]).hypot(plot[1] - row[1]);
+    let mut step = [0.0; 2];
+    for _ in 0..STEPS {
+        let next = there(plot);
+        step = [next[0] - plot[0], next[1] - plot[1]];
+        let size = step[0].hypot(step[1]);
+        if size <= small || size >= SLOWEST * length {
+            break;
+        }
+        (plot, length) = (next, size);
+    }
+    (plot, step)
 }
 
 /// Covariance of a position that may be wrong by this in one direction.
