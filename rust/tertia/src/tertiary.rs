@@ -25,6 +25,7 @@ mod rule;
 mod shadow;
 mod share;
 mod source;
+mod stated;
 mod target;
 mod tracklet;
 

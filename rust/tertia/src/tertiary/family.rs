@@ -6,6 +6,7 @@
 //! whose errors are independent of each other: from them, the next correction is predicted best.
 
 use super::row::Row;
+use super::stated::{Ratios, is_moved_as_stated, ratio};
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
@@ -42,6 +43,7 @@ pub(super) struct Evidence {
     square: [f64; COUNT],
     /// Logarithms of the area of a standard deviation of the correction.
     area: [f64; COUNT],
+    ratios: Ratios,
 }
 
 impl Evidence {
@@ -52,6 +54,7 @@ impl Evidence {
             self.square[k] += other.square[k];
             self.area[k] += other.area[k];
         }
+        self.ratios.add(&other.ratios);
     }
 
     /// Whether there are enough rows.
@@ -72,6 +75,11 @@ impl Evidence {
         if score(best) > score(0) + CLEAR { DAMPING[best] } else { DAMPING[0] }
     }
 
+    /// Returns the ratio of the noise that the filter assumes to that of the sensor, if it states its own covariances.
+    pub fn ratio(&self) -> Option<f64> {
+        self.ratios.ratio()
+    }
+
     /// Returns the relative standard deviation of gains with this damping.
     pub fn unsure(&self) -> f64 {
         if self.count < WORTH { UNKNOWN } else { SIMILAR }
@@ -83,6 +91,9 @@ impl Evidence {
 pub(super) struct Families {
     followers: [Follower; COUNT],
     rows: u32,
+    last: Row,
+    /// Ratio of the noise that the filter assumes to that of the sensor.
+    ratio: Option<f64>,
     /// What was found since it was last taken.
     pub found: Evidence,
 }
@@ -91,7 +102,19 @@ impl Families {
     /// Starts with a row.
     pub fn new(row: &Row, radar: &Radar) -> Self {
         let follower = Follower::new(&model(), row.estimate(radar), row.turning(), row.time);
-        Self { followers: [follower; COUNT], rows: 0, found: Evidence::default() }
+        let found = Evidence::default();
+        Self { followers: [follower; COUNT], rows: 0, last: *row, ratio: None, found }
+    }
+
+    /// Compares the covariances of a row with those of the row before, and with its correction.
+    pub fn compare(&mut self, row: &Row, correction: [f64; 4], radar: &Radar) {
+        let [before, after] = [self.last, *row].map(|row| row.estimate(radar).covariance);
+        let noise = radar.noise_at([row.state[0], row.state[1]], row.above(radar));
+        let is_stated = is_moved_as_stated(correction, &after);
+        let found = ratio(&before, &after, row.time - self.last.time, noise);
+        let found = found.filter(|_| is_stated);
+        self.found.ratios.see(self.ratio, found);
+        (self.ratio, self.last) = (found, *row);
     }
 
     /// Updates the filters with the plots behind a row, and their gains. The noise of `radar` is that of plots

@@ -88,7 +88,7 @@ impl Gain {
         // otherwise not even the shape of the stated covariance is right
         let is_common = (a * d / (b * c)).ln().abs() < ALIKE;
         let factor = (a + c) / (b + d);
-        Some(if is_common { limited_gain(stated.scaled(factor)) } else { own_gain })
+        Some(if is_common { limited(stated.scaled(factor)) } else { own_gain })
     }
 }
 
@@ -98,7 +98,7 @@ impl Sums {
         let usual = 0.5 * damping * ratio(USUAL);
         let ratio = (self.both + EXPECTED * usual) / (self.position + EXPECTED);
         let root = ((damping - ratio) / (damping + ratio)).max(0.0);
-        limited(1.0 - root * root)
+        clamped(1.0 - root * root)
     }
 
     fn explained(&self) -> f64 {
@@ -106,13 +106,13 @@ impl Sums {
     }
 }
 
-fn limited(gain: f64) -> f64 {
+fn clamped(gain: f64) -> f64 {
     gain.clamp(LEAST, LARGEST)
 }
 
 /// Limits the gain along and across, without changing their correlation.
-fn limited_gain(gain: Plane) -> Plane {
-    let (xx, yy) = (limited(gain.xx), limited(gain.yy));
+pub(super) fn limited(gain: Plane) -> Plane {
+    let [xx, yy] = [gain.xx, gain.yy].map(clamped);
     Plane { xx, xy: gain.xy * (xx / gain.xx * yy / gain.yy).sqrt(), yy }
 }
 

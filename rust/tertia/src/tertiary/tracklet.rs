@@ -1,8 +1,9 @@
 //! Reconstruction of the plot behind a row of a track from the track itself (a tracklet).
 
 use super::family::{DAMPING, Evidence, Families};
-use super::gain::{Gain, Step};
+use super::gain::{Gain, Step, limited};
 use super::row::Row;
+use super::stated::is_moved_as_stated;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::Estimate;
@@ -27,6 +28,8 @@ const LONGEST_LAG: f64 = 1.5;
 const STEPS: usize = 8;
 const SLOWEST: f64 = 0.5;
 const SMALL: f64 = 0.1;
+/// Relative standard deviation of a gain that follows from the stated covariances.
+const STATED: f64 = 0.01;
 
 /// An earlier row of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -202,8 +205,14 @@ pub(super) fn behind(
     if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
         gain.see(&moved.step);
     }
+    let correction = last.correction(row);
+    let is_stated = !is_periodic && is_moved_as_stated(correction, &p);
+    let ratio = evidence.ratio().filter(|_| is_stated);
+    let along = |stated: Plane, damping| match ratio {
+        Some(ratio) => Some(limited(stated.scaled(1.0 / ratio))),
+        None => gain.along(stated, damping, is_periodic),
+    };
     // if velocities are not derived from positions, the positions are those of the plots
-    let along = |stated, damping| gain.along(stated, damping, is_periodic);
     let Some(own) = along(moved.step.stated, evidence.damping()) else {
         return Behind::Plot([x, y], Plane::default());
     };
@@ -212,6 +221,7 @@ pub(super) fn behind(
             let gain = along(moved.step.stated, damping).unwrap_or(own);
             (moved.plot(gain), gain)
         });
+        families.compare(row, correction, radar);
         families.follow(row, &plots, own, noisy);
     }
     let plot = moved.plot(own);
@@ -222,34 +232,33 @@ pub(super) fn behind(
             moved.plot(along(moved.step.stated, evidence.damping()).unwrap_or(own))
         };
         let (plot, step) = settled([x, y], plot, moved.small(), there);
-        let unsure = evidence.unsure();
+        let unsure = ratio.map_or(evidence.unsure(), |_| STATED);
         let by = [0, 1].map(|k| unsure * (plot[k] - moved.predicted[k]));
-        return Behind::Plot(plot, outer(by).plus(outer(step)));
+        let turned = Plane { xx: step * step, xy: 0.0, yy: step * step };
+        return Behind::Plot(plot, outer(by).plus(turned));
     }
     // the gain is not what it seems to be: the state, which may be as wrong as the plot is far away
     Behind::State([x, y], covariance.plus(outer([east, north])))
 }
 
 /// Follows a plot behind a row from place to place, because near a sensor, the noise at the plot is another one than
-/// that at the row. Returns the last place, and the step to the next one.
+/// that at the row. Returns the last place, and the length of the step to the next one.
 fn settled(
     row: [f64; 2],
     mut plot: [f64; 2],
     small: f64,
     there: impl Fn([f64; 2]) -> [f64; 2],
-) -> ([f64; 2], [f64; 2]) {
-    let mut length = (plot[0] - row[0]).hypot(plot[1] - row[1]);
-    let mut step = [0.0; 2];
+) -> ([f64; 2], f64) {
+    let mut last = (plot[0] - row[0]).hypot(plot[1] - row[1]);
     for _ in 0..STEPS {
         let next = there(plot);
-        step = [next[0] - plot[0], next[1] - plot[1]];
-        let size = step[0].hypot(step[1]);
-        if size <= small || size >= SLOWEST * length {
-            break;
+        let step = (next[0] - plot[0]).hypot(next[1] - plot[1]);
+        if step <= small || step >= SLOWEST * last {
+            return (plot, step);
         }
-        (plot, length) = (next, size);
+        (plot, last) = (next, step);
     }
-    (plot, step)
+    (plot, last)
 }
 
 /// Covariance of a position that may be wrong by this in one direction.
