@@ -44,6 +44,8 @@ pub(super) struct Member {
     filtered: Option<Filtered>,
     families: Option<Box<Families>>,
     foreign: f64,
+    /// Whether the sensor states the covariances of its filter.
+    is_stated: bool,
     /// Whether there have been rows without a plot.
     is_periodic: bool,
     /// Time of the last plot.
@@ -151,6 +153,7 @@ impl Member {
             filtered: None,
             families: None,
             foreign: UNKNOWN,
+            is_stated: false,
             is_periodic: false,
             plotted: row.time,
             target: None,
@@ -198,7 +201,8 @@ impl Member {
         (radar, noisy): (&Radar, &Radar),
     ) {
         let last = (&self.last, self.is_doubtful);
-        if !self.is_foreign() || evidence.is_complete() {
+        self.is_stated = evidence.ratio().is_some();
+        if self.foreign < UNKNOWN || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));
@@ -244,6 +248,6 @@ impl Member {
 
     /// Returns Tertia's filter of the track if another filter made it.
     fn foreign_filter(&self) -> Option<&Filtered> {
-        self.filtered.as_ref().filter(|_| self.is_foreign())
+        self.filtered.as_ref().filter(|_| self.is_stated || self.is_foreign())
     }
 }

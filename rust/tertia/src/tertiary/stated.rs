@@ -112,7 +112,7 @@ mod tests {
         let r = Matrix2::new(noise.xx, noise.xy, noise.xy, noise.yy);
         let mut p = SMatrix::<f64, 4, 4>::identity() * 1e4;
         let mut found = Vec::new();
-        for t in [4.0, 4.1, 8.0, 4.0, 3.9, 4.0] {
+        for t in [4.0_f64, 4.1, 8.0, 4.0, 3.9, 4.0] {
             let (mut f, mut q) = (SMatrix::identity(), SMatrix::<f64, 4, 4>::zeros());
             for k in 0..2 {
                 f[(k, k + 2)] = t;
