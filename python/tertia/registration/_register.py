@@ -12,7 +12,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import FloatArray, instance
 from tertia.registration._registration import NoiseHistory, Registration
-from tertia.registration._states import Common, Run, alone
+from tertia.registration._states import Run, States, alone
 from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable
@@ -271,7 +271,7 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
     return replace(radar, range_sigma=float(range_sigma), azimuth_sigma=azimuth_sigma)
 
 
-def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
+def corrected(states: States, registration: Registration, radars: Sequence[Radar]) -> States:
     """Return states from which biases are removed, with covariances scaled to the period's noise.
 
     The states come from tracks that were made with the noise of the whole recording. Their standard
@@ -288,7 +288,7 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
     found = registration.bias_history
     bias = np.stack([values_of(one) for one in found.bias])[in_periods(states.time, found.edges)]
     state, covariance = _core.correct_states(states.columns(), places, bias, factors)
-    return Common(
+    return States(
         states.time,
         states.track,
         state,

@@ -32,7 +32,7 @@ def alone(plots: Plots, sensors: Sequence[Radar | PositionSensor], k: int, run: 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Common:
+class States:
     """States of the tracks of K radars at M instants that they have in common.
 
     `state` (M, K, 4) and `covariance` (M, K, 4, 4) are nan where a radar has no track.
@@ -52,9 +52,9 @@ class Common:
         """Whether each radar has a track at each instant, (M, K)."""
         return np.asarray(np.isfinite(self.state[..., 0]))
 
-    def chosen(self, index: BoolArray) -> Common:
+    def chosen(self, index: BoolArray) -> States:
         """Return the states at the selected instants."""
-        return Common(*(getattr(self, name)[index] for name in self.__slots__))
+        return States(*(getattr(self, name)[index] for name in self.__slots__))
 
     def columns(self) -> dict[str, Any]:
         """Return the columns in the form that the core takes."""
@@ -62,7 +62,9 @@ class Common:
         return {name: np.ascontiguousarray(getattr(self, name)) for name in names}
 
 
-def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]) -> Common:
+def common_states(
+    joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]
+) -> States:
     """Return the states of all tracks at instants at which the slowest radar has plots.
 
     A track of one radar belongs to the joint track that contains more than half of its plots.
@@ -70,7 +72,7 @@ def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Rad
     periods = [radar.scan_period for radar in radars]
     tables = [_columns(table) for table in single]
     time, track, states = _core.common_states(_columns(joint), tables, periods)
-    return Common(time, track, *states)
+    return States(time, track, *states)
 
 
 def _columns(table: TrackTable) -> dict[str, Any]:

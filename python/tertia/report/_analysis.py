@@ -14,7 +14,7 @@ from tertia.metrics import Audit, Truth
 from tertia.metrics._evaluation import MOST_NEES, Judged, Rows, judge, usual_periods
 from tertia.registration import Registration
 from tertia.registration._register import corrected, rounds
-from tertia.registration._states import Common, Run, common
+from tertia.registration._states import Run, States, common_states
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import Innovations, Updates, innovations, updates
 from tertia.report._reference import Referenced, versus_others
@@ -45,8 +45,8 @@ class Combined:
 class Fusion:
     """Tracks of single radars that are fused at common instants; `ways` has each method by name."""
 
-    stated: Common
-    found: Common
+    stated: States
+    found: States
     ways: dict[str, Combined]
     states: dict[str, tuple[FloatArray, FloatArray]]
     error: dict[str, FloatArray]
@@ -132,9 +132,9 @@ def analyse(
     joint_found = run(*registration._removed(plots))
     begin("fusion")
     fused = None
-    stated = common(joint, made.stated, radars)
+    stated = common_states(joint, made.stated, radars)
     if len(stated.time):
-        better = common(joint, made.found, radars)
+        better = common_states(joint, made.found, radars)
         fused = _fuse(stated, corrected(better, registration, radars))
     begin("plots")
     seen = [innovations(joint, k) for k in range(len(radars))]
@@ -183,7 +183,7 @@ def analyse(
     )
 
 
-def _fuse(stated: Common, better: Common) -> Fusion:
+def _fuse(stated: States, better: States) -> Fusion:
     """Fuse tracks at their common instants, with the stated and with the estimated noise."""
     pair = stated, better
     keys = [list(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
@@ -307,7 +307,7 @@ def confirmed_rows(table: TrackTable) -> Rows:
     return Rows(*kept, spread, own.plot >= 0, own.height, getattr(own, leading(own, NUMBERS)))
 
 
-def combine(states: Common, method: fusion.InstantMethod) -> Combined:
+def combine(states: States, method: fusion.InstantMethod) -> Combined:
     """Fuse the states at each instant; a weight is the mean of the weights for east and north."""
     found = fusion.fuse(states.state, states.covariance, method=method)
     weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2

@@ -6,8 +6,7 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::registration::{
-    self as core, Alone, Common, ERRORS, Errors, KINDS, Level, Place, PolarPlot, Report, Row,
-    TargetPlot,
+    self as core, Alone, ERRORS, Errors, KINDS, Level, Place, PolarPlot, Report, Row, TargetPlot,
 };
 
 /// Returns errors that are the same in all directions, as errors without deviations.
@@ -188,13 +187,13 @@ fn number(sensor: i64, radars: usize) -> PyResult<usize> {
 }
 
 impl States<'_> {
-    fn read(&self, radars: usize) -> PyResult<Common> {
+    fn read(&self, radars: usize) -> PyResult<core::States> {
         let (time, track) = (self.time.numbers("time")?, self.track.as_slice()?.to_vec());
         let state = self.state.points::<4>("state", 1)?;
         let covariance = self.covariance.points::<16>("covariance", 2)?;
         let count = time.len() * radars;
         same_length(count, &[track.len() * radars, state.len(), covariance.len()])?;
-        Ok(Common { time, track, state, covariance, ..Common::default() })
+        Ok(core::States { time, track, state, covariance, ..core::States::default() })
     }
 }
 
@@ -263,7 +262,8 @@ pub fn common_states<'py>(
     let counts = single.iter().map(|table| table.track_of_plot.len()).collect::<Vec<_>>();
     same_length(joint.track_of_plot.len(), &counts)?;
     let rows: usize = single.iter().map(|table| table.rows.len()).sum();
-    let found = release(py, ROW_NS * rows as f64, || core::common(&joint, &single, &scan_periods))?;
+    let found =
+        release(py, ROW_NS * rows as f64, || core::common_states(&joint, &single, &scan_periods))?;
     let (m, k) = (found.time.len(), single.len());
     Ok((
         array(py, &[m], found.time)?,
@@ -402,14 +402,14 @@ pub fn correct_states<'py>(
     let (positions, factors) = (positions.pairs("positions")?, factors.pairs("factors")?);
     let errors = errors.points::<ERRORS>("errors", 1)?;
     let k = positions.len();
-    let mut common = states.read(k)?;
-    same_length(common.state.len(), &[errors.len(), factors.len()])?;
-    let m = common.time.len();
+    let mut states = states.read(k)?;
+    same_length(states.state.len(), &[errors.len(), factors.len()])?;
+    let m = states.time.len();
     release(py, ROW_NS * factors.len() as f64, || {
-        core::correct(&mut common, &positions, &errors, &factors);
+        core::correct(&mut states, &positions, &errors, &factors);
     })?;
     Ok([
-        array(py, &[m, k, 4], common.state.into_flattened())?,
-        array(py, &[m, k, 4, 4], common.covariance.into_flattened())?,
+        array(py, &[m, k, 4], states.state.into_flattened())?,
+        array(py, &[m, k, 4, 4], states.covariance.into_flattened())?,
     ])
 }

@@ -1,7 +1,7 @@
 //! Correction of tracks for the errors and the noise that were found.
 
-use super::common::Common;
 use super::sighting::{Errors, azimuth_of};
+use super::states::States;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
 /// Removes the `errors` (M, K) of the radars at these positions from the states. Scales the covariances along
@@ -11,15 +11,15 @@ use nalgebra::{Matrix2, Matrix4, Vector2};
 /// # Panics
 /// If the lengths do not match.
 pub fn correct(
-    common: &mut Common,
+    states: &mut States,
     positions: &[[f64; 2]],
     errors: &[Errors],
     factors: &[[f64; 2]],
 ) {
     let count = positions.len();
-    assert!(errors.len() == common.state.len() && factors.len() == errors.len());
+    assert!(errors.len() == states.state.len() && factors.len() == errors.len());
     let states =
-        common.state.iter_mut().zip(&mut common.covariance).zip(errors.iter().zip(factors));
+        states.state.iter_mut().zip(&mut states.covariance).zip(errors.iter().zip(factors));
     for (at, ((state, covariance), (errors, factor))) in states.enumerate() {
         let k = at % count;
         let offset = Vector2::new(state[0] - positions[k][0], state[1] - positions[k][1]);

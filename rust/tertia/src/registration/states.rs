@@ -12,7 +12,7 @@ const INSTANTS: f64 = 20_000.0;
 /// M instants of targets of which at least two of K radars have a track. Arrays are row by row: states
 /// (M, K, 4) and covariances (M, K, 4, 4), nan for a radar without a track.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Common {
+pub struct States {
     /// Seconds.
     pub time: Vec<f64>,
     /// Number of the joint track.
@@ -30,8 +30,8 @@ pub struct Common {
 /// Returns the states of the joint tracks of all radars and of the tracks of single radars, at intervals of
 /// the slowest scan period, or longer ones if there would be more than 20,000 instants. A track of a radar
 /// belongs to the joint track that has more than half of its plots.
-pub fn common(joint: &Table, single: &[Table], scan_periods: &[f64]) -> Common {
-    let mut found = Common::default();
+pub fn common_states(joint: &Table, single: &[Table], scan_periods: &[f64]) -> States {
+    let mut found = States::default();
     let slowest = scan_periods.iter().copied().fold(0.0, f64::max);
     let tracks: Vec<_> = single
         .iter()
@@ -73,7 +73,7 @@ pub fn common(joint: &Table, single: &[Table], scan_periods: &[f64]) -> Common {
     found
 }
 
-impl Common {
+impl States {
     fn push(
         &mut self,
         time: f64,
