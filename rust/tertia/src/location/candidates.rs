@@ -66,20 +66,13 @@ struct Sight<const D: usize> {
 }
 
 /// Buffers, and the points found.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Candidates<const D: usize> {
     sights: Vec<Sight<D>>,
     all: Vec<Sight<D>>,
     planes: Vec<Plane<D>>,
     coordinates: Vec<f64>,
     pub points: Vec<Vector<D>>,
-}
-
-impl<const D: usize> Default for Candidates<D> {
-    fn default() -> Self {
-        let (sights, all) = (Vec::new(), Vec::new());
-        Self { sights, all, planes: Vec::new(), coordinates: Vec::new(), points: Vec::new() }
-    }
 }
 
 impl<const D: usize> Candidates<D> {

@@ -16,7 +16,7 @@ pub(super) const NOWHERE: usize = usize::MAX;
 
 /// The measurements of an instant, and the state of the search for its position. A state is a position
 /// and, if there are arrivals, their emission.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Record<const D: usize, const N: usize> {
     pub measurements: Vec<Measurement<D>>,
     /// Index of each measurement among the values of the instant, or [`NOWHERE`].
@@ -36,23 +36,6 @@ pub(super) struct Record<const D: usize, const N: usize> {
     pub costs: Vec<f64>,
     /// Residuals and their derivatives at the minimum.
     pub rows: Vec<Row<N>>,
-}
-
-impl<const D: usize, const N: usize> Default for Record<D, N> {
-    fn default() -> Self {
-        Self {
-            measurements: Vec::new(),
-            places: Vec::new(),
-            extent: 0.0,
-            unknown: false,
-            common: None,
-            start: None,
-            first: None,
-            points: Vec::new(),
-            costs: Vec::new(),
-            rows: Vec::new(),
-        }
-    }
 }
 
 impl Instant<'_> {

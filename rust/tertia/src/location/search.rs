@@ -61,23 +61,12 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
 }
 
 /// Buffers of a search.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Buffers<const D: usize, const N: usize> {
     pub candidates: Candidates<D>,
     points: Vec<Vector<N>>,
     costs: Vec<f64>,
     pub scratch: Vec<f64>,
-}
-
-impl<const D: usize, const N: usize> Default for Buffers<D, N> {
-    fn default() -> Self {
-        Self {
-            candidates: Candidates::default(),
-            points: Vec::new(),
-            costs: Vec::new(),
-            scratch: Vec::new(),
-        }
-    }
 }
 
 impl<const D: usize, const N: usize> Search<'_, D, N> {

@@ -22,18 +22,12 @@ const NEAR_HUBER: f64 = 0.5;
 const SURVEYS: usize = 2;
 
 /// Buffers of a thread.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Workspace<const D: usize> {
     pub(super) own: Room<D, D>,
     // with arrivals, whose emission is an additional unknown
     pub(super) plane: Room<2, 3>,
     pub(super) space: Room<3, 4>,
-}
-
-impl<const D: usize> Default for Workspace<D> {
-    fn default() -> Self {
-        Self { own: Room::default(), plane: Room::default(), space: Room::default() }
-    }
 }
 
 /// An estimator of positions.
