@@ -1,11 +1,11 @@
 //! Effect of an error of the propagation speed and of an unknown wind, the same at all instants, on the
 //! covariance.
 
-use super::bias::{Biases, add_covariance, smoothed, weights};
+use super::bias::Biases;
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::measured::Measured;
-use super::survey::{errors, shifts};
+use super::survey::{add_effects, errors};
 use crate::location::Speed;
 use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
@@ -26,13 +26,8 @@ pub(super) fn add_error<const D: usize, const N: usize>(
     for instant in values.chunks_exact_mut(record.width()) {
         speed.apply(&mut instant[..KINDS * k], k);
     }
-    let measured = Measured::<D>::new(record, values);
-    let (weight, _) = weights(record, found, &found.lasting(record));
-    let (response, spread) =
-        shifts(record, found, &errors(record, found, &measured), &weight, biases);
-    let means = smoothed(setting, &[response], &spread, motion)?;
-    add_covariance::<N>(&means, &DMatrix::identity(1, 1), covariance);
-    Ok(())
+    let errors = errors(record, found, &Measured::new(record, values));
+    add_effects(setting, found, (std::iter::once(errors), biases), motion, None, covariance)
 }
 
 /// Adds to the covariance of the states (N, 3D, 3D) the effect of an unknown wind; `wind` is its covariance
@@ -48,9 +43,7 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
 ) -> Result<(), Failure> {
     let record = setting.record;
     let k = record.receivers();
-    let (weight, _) = weights(record, found, &found.lasting(record));
-    let (mut responses, mut spread) = (Vec::new(), Vec::new());
-    for axis in 0..2 {
+    let errors = (0..2).map(|axis: usize| {
         let sigma = wind[axis][axis].sqrt();
         let mut values = found.measured.values.clone();
         for (t, instant) in values.chunks_exact_mut(record.width()).enumerate() {
@@ -61,16 +54,10 @@ pub(super) fn add_wind<const D: usize, const N: usize>(
                 *value += sigma * (places[i * D + axis] - places[axis]);
             }
         }
-        let measured = Measured::<D>::new(record, values);
-        let (response, inverse) =
-            shifts(record, found, &errors(record, found, &measured), &weight, biases);
-        responses.push(response);
-        spread = inverse;
-    }
-    let means = smoothed(setting, &responses, &spread, motion)?;
+        errors(record, found, &Measured::new(record, values))
+    });
     let correlation = DMatrix::from_fn(2, 2, |a, b| {
         wind[a][b] / (wind[a][a] * wind[b][b]).sqrt().max(f64::MIN_POSITIVE)
     });
-    add_covariance::<N>(&means, &correlation, covariance);
-    Ok(())
+    add_effects(setting, found, (errors, biases), motion, Some(correlation), covariance)
 }

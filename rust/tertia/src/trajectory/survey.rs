@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record};
-use crate::base::small::dot;
+use crate::base::small::{add_multiple, dot, rotated};
 use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use nalgebra::{DMatrix, DVector};
@@ -20,17 +20,32 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
+    let errors = effects(setting.record, found, sigma);
+    add_effects(setting, found, (errors, biases), motion, None, covariance)
+}
+
+/// Adds to the covariance of the states the effect of systematic errors. Each is given by the errors that the
+/// measurements have if it is as large as its standard deviation. They are independent unless their correlation
+/// is given.
+pub(super) fn add_effects<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    found: &Found<D, N>,
+    (errors, biases): (impl Iterator<Item = Vec<f64>>, Option<&Biases>),
+    motion: ProcessNoise,
+    correlation: Option<DMatrix<f64>>,
+    covariance: &mut [f64],
+) -> Result<(), Failure> {
     let record = setting.record;
     let (weight, _) = weights(record, found, &found.lasting(record));
-    let mut moves = Vec::new();
-    let mut spread = Vec::new();
-    for errors in effects(record, found, sigma) {
+    let (mut responses, mut spread) = (Vec::new(), Vec::new());
+    for errors in errors {
         let (response, inverse) = shifts(record, found, &errors, &weight, biases);
-        moves.push(response);
+        responses.push(response);
         spread = inverse;
     }
-    let means = smoothed(setting, &moves, &spread, motion)?;
-    add_covariance::<N>(&means, &DMatrix::identity(moves.len(), moves.len()), covariance);
+    let means = smoothed(setting, &responses, &spread, motion)?;
+    let independent = || DMatrix::identity(means.len(), means.len());
+    add_covariance::<N>(&means, &correlation.unwrap_or_else(independent), covariance);
     Ok(())
 }
 
@@ -121,13 +136,9 @@ pub(super) fn shifts<const D: usize, const N: usize>(
         instant.add_scores(errors, &mut scores);
         let mut pull = [0.0; D];
         for (column, w, _, gradient, _) in &instant.rows {
-            for i in 0..D {
-                pull[i] += w * errors[*column] * gradient[i];
-            }
+            add_multiple(&mut pull, w * errors[*column], gradient);
         }
-        for i in 0..D {
-            shift[t * D + i] = (0..D).map(|j| inverse[i][j] * pull[j]).sum();
-        }
+        shift[t * D..][..D].copy_from_slice(&rotated(&inverse, &pull));
     }
     if let Some(biases) = biases {
         biases.remove_from_shifts(&scores, &mut shift);
