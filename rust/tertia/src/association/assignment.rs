@@ -7,8 +7,10 @@
 //! nearly all pairs are given, a matrix is faster than lists of pairs.
 
 use super::dense::{Dense, NONE, is_dense};
+use super::grid::accumulate;
 use super::pair::Pair;
 use crate::base::interrupt::poll;
+use crate::base::scratch::refill;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -147,11 +149,7 @@ impl Assigner {
             assert!((pair.column as usize) < columns, "a column that is not there");
             self.start[..rows][pair.row as usize] += 1;
         }
-        let mut end = 0;
-        for start in &mut self.start {
-            end += *start;
-            *start = end;
-        }
+        let end = accumulate(&mut self.start);
         refill(&mut self.edges, end as usize, Edge { column: 0, cost: 0.0 });
         for pair in pairs.rev().filter(Pair::counts) {
             let start = &mut self.start[pair.row as usize];
@@ -275,12 +273,6 @@ impl Assigner {
         let same = edges[first..].iter().take_while(|edge| edge.column == column);
         same.fold(0.0, |least, edge| edge.cost.min(least))
     }
-}
-
-/// Resizes a buffer and fills it with a value.
-fn refill<T: Copy>(buffer: &mut Vec<T>, length: usize, value: T) {
-    buffer.clear();
-    buffer.resize(length, value);
 }
 
 #[cfg(test)]

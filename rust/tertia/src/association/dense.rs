@@ -3,6 +3,7 @@
 
 use super::pair::Pair;
 use crate::base::interrupt::poll;
+use crate::base::scratch::refill;
 use crate::base::vector::{Vector, WIDEST};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -106,18 +107,15 @@ impl Dense {
         columns: usize,
     ) -> [usize; 2] {
         let Self { wish: [of_rows, of_columns], wanted, .. } = self;
-        for (wishes, length) in [(&mut *of_rows, rows), (&mut *of_columns, columns)] {
-            wishes.clear();
-            wishes.resize(length, Wish::NONE);
-        }
+        refill(of_rows, rows, Wish::NONE);
+        refill(of_columns, columns, Wish::NONE);
         for Pair { row, column, gain } in pairs {
             assert!((column as usize) < columns, "a column that is not there");
             of_rows[row as usize].hear(gain, column);
             of_columns[column as usize].hear(gain, row);
         }
         [(of_rows, columns), (of_columns, rows)].map(|(wishes, others)| {
-            wanted.clear();
-            wanted.resize(others, 0);
+            refill(wanted, others, 0);
             let rivals = wishes.iter().filter(|wish| {
                 let Some(wanted) = wanted.get_mut(wish.partner as usize) else { return false };
                 *wanted += 1;
@@ -145,21 +143,13 @@ impl Dense {
     fn reset(&mut self, rows: usize, columns: usize) {
         self.width = columns.div_ceil(WIDEST);
         let infinite = [f64::INFINITY; WIDEST];
-        for (buffer, length, value) in [
-            (&mut self.costs, rows * self.width, infinite),
-            (&mut self.price, self.width, [0.0; WIDEST]),
-            (&mut self.open, self.width, [0.0; WIDEST]),
-            (&mut self.distance, self.width, infinite),
-            (&mut self.from, self.width, [0.0; WIDEST]),
-            (&mut self.taken, self.width, [0.0; WIDEST]),
-        ] {
-            buffer.clear();
-            buffer.resize(length, value);
+        refill(&mut self.costs, rows * self.width, infinite);
+        refill(&mut self.distance, self.width, infinite);
+        for buffer in [&mut self.price, &mut self.open, &mut self.from, &mut self.taken] {
+            refill(buffer, self.width, [0.0; WIDEST]);
         }
-        for (buffer, length) in [(&mut self.row_of, columns), (&mut self.column_of, rows)] {
-            buffer.clear();
-            buffer.resize(length, NONE);
-        }
+        refill(&mut self.row_of, columns, NONE);
+        refill(&mut self.column_of, rows, NONE);
     }
 
     fn price(&self, column: u32) -> f64 {

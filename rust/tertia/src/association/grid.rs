@@ -116,11 +116,7 @@ impl Grid {
             let bucket = self.bucket(points[i]);
             self.start[bucket] += 1;
         }
-        let mut end = 0;
-        for start in &mut self.start {
-            end += *start;
-            *start = end;
-        }
+        accumulate(&mut self.start);
         self.entries.resize(some.len(), Entry::default());
         for i in some.rev() {
             let point = points[i];
@@ -239,6 +235,16 @@ struct Stretch {
 fn side(points: usize) -> usize {
     let buckets = points.saturating_mul(BUCKETS_PER_POINT).max(1);
     1 << buckets.ilog2().div_ceil(2)
+}
+
+/// Replaces each number by the sum of those up to it; returns the last sum.
+pub(super) fn accumulate(counts: &mut [u32]) -> u32 {
+    let mut sum = 0;
+    for count in counts {
+        sum += *count;
+        *count = sum;
+    }
+    sum
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! Polynomials that are orthogonal at the instants of a window (Forsythe 1957). No powers are formed, and
 //! each additional degree adds one coefficient and leaves those of the lower degrees unchanged.
 
+use super::scratch::refill;
+
 /// Orthonormal polynomials on weighted points.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Basis {
@@ -18,8 +20,7 @@ impl Basis {
         let m = x.len();
         self.points = m;
         self.recursion.clear();
-        self.values.clear();
-        self.values.resize((degree + 1) * m, 0.0);
+        refill(&mut self.values, (degree + 1) * m, 0.0);
         let mut last = 1.0;
         for j in 0..=degree {
             let (before, rest) = self.values.split_at_mut(j * m);

@@ -2,6 +2,13 @@
 
 use std::fmt;
 
+/// Resizes a buffer and fills it with a value.
+#[inline(always)]
+pub(crate) fn refill<T: Clone>(buffer: &mut Vec<T>, length: usize, value: T) {
+    buffer.clear();
+    buffer.resize(length, value);
+}
+
 /// Buffers that do not count as part of the state that contains them: a copy of the state begins with empty
 /// buffers, and two states are equal whatever their buffers contain.
 #[derive(Default)]

@@ -4,6 +4,7 @@
 //! (1973). The factor and the required part of the inverse have the same envelope as the matrix. The cost
 //! is the sum of the squares of the column heights.
 
+use super::scratch::refill;
 use pulp::{Arch, Simd, WithSimd};
 
 /// The lower triangle, row by row.
@@ -169,8 +170,7 @@ impl Skyline {
                 }
                 column.push(self.values[self.at(i, j)]);
             }
-            sum.clear();
-            sum.resize(column.len(), 0.0);
+            refill(&mut sum, column.len(), 0.0);
             // indices in `column` of a run, and its first row minus its first index
             let rows = |run: usize| {
                 let end = runs.get(run + 1).map_or(column.len(), |next| next.1);

@@ -4,6 +4,7 @@ use crate::base::distribution::student_two_sided_quantile;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 use crate::screening::extreme_variance_pvalue;
+use std::ops::Range;
 
 /// Output columns for the blocks of a sample, of the length that [`super::Estimator::blocks`] returns.
 #[derive(Debug)]
@@ -36,12 +37,7 @@ impl BlockTable {
         block_size: usize,
         scratch: &mut Vec<f64>,
     ) -> Result<()> {
-        let blocks = (cleaned.len() / block_size).max(1);
-        for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
-            column.clear();
-        }
-        for j in 0..blocks {
-            let members = block_range(j, blocks, block_size, cleaned.len());
+        for members in self.begin(cleaned.len(), block_size) {
             scratch.clear();
             scratch.extend(cleaned[members].iter().filter(|v| !v.is_nan()));
             let moments = Moments::of("theta", scratch)?;
@@ -50,8 +46,21 @@ impl BlockTable {
             self.variance.push(if count > 1.0 { moments.variance() } else { f64::NAN });
             self.count.push(count);
         }
-        self.weight.resize(blocks, 0.0);
+        self.weight.resize(self.len(), 0.0);
         Ok(())
+    }
+
+    /// Empties the table, and returns the ranges of the blocks of `n` measurements.
+    pub fn begin(
+        &mut self,
+        n: usize,
+        block_size: usize,
+    ) -> impl Iterator<Item = Range<usize>> + use<> {
+        for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
+            column.clear();
+        }
+        let blocks = (n / block_size).max(1);
+        (0..blocks).map(move |j| block_range(j, blocks, block_size, n))
     }
 
     pub fn len(&self) -> usize {
@@ -135,12 +144,7 @@ impl BlockTable {
 }
 
 /// Returns the members of block j of `blocks`; the last block includes the remainder.
-pub(super) fn block_range(
-    j: usize,
-    blocks: usize,
-    size: usize,
-    n: usize,
-) -> std::ops::Range<usize> {
+pub(super) fn block_range(j: usize, blocks: usize, size: usize, n: usize) -> Range<usize> {
     let end = if j + 1 == blocks { n } else { (j + 1) * size };
     j * size..end
 }

@@ -1,6 +1,6 @@
 //! The default estimator: the mean over all hypotheses about the record.
 
-use super::blocks::{BlockTable, block_range};
+use super::blocks::BlockTable;
 use super::estimate::Estimate;
 use super::hypotheses::MAX_SCORE;
 use super::rules::RobustRule;
@@ -9,6 +9,7 @@ use super::workspace::Workspace;
 use crate::base::distribution::{fisher_upper, fisher_upper_quantile, student_two_sided_quantile};
 use crate::base::error::Result;
 use crate::base::moments::Moments;
+use crate::base::scratch::refill;
 use std::f64::consts::PI;
 
 /// Smallest number of measurements.
@@ -42,8 +43,7 @@ pub(super) fn estimate(
     let mut variance = start.scale * start.scale * (within + between);
     // weight of each measurement in the estimate: value = Σ influence y
     let influence = scratch;
-    influence.clear();
-    influence.resize(angle.len(), 0.0);
+    refill(influence, angle.len(), 0.0);
     for h in &hypotheses.list {
         for (sum, share) in influence.iter_mut().zip(&h.influence) {
             *sum += h.weight * share;
@@ -140,12 +140,7 @@ impl BlockTable {
         outlier: &[bool],
         block_size: usize,
     ) {
-        let blocks = (y.len() / block_size).max(1);
-        for column in [&mut self.mean, &mut self.variance, &mut self.count, &mut self.weight] {
-            column.clear();
-        }
-        for j in 0..blocks {
-            let members = block_range(j, blocks, block_size, y.len());
+        for members in self.begin(y.len(), block_size) {
             let total: f64 = weight[members.clone()].iter().sum();
             let origin = y[members.start];
             let term = |i: usize| weight[i] * (y[i] - origin);

@@ -4,6 +4,7 @@ use super::blocks::BlockTable;
 use super::hypotheses::Hypotheses;
 use crate::base::angle::unwrap_about_median;
 use crate::base::error::Result;
+use crate::base::scratch::refill;
 
 /// Buffers that are reused for each row.
 #[derive(Clone, Debug, Default)]
@@ -18,8 +19,7 @@ pub struct Workspace {
 impl Workspace {
     /// Copies the angles of one sample and unwraps them.
     pub(super) fn read(&mut self, theta: &[f64], period: Option<f64>) -> Result<()> {
-        self.cleaned.clear();
-        self.cleaned.resize(theta.len(), 0.0);
+        refill(&mut self.cleaned, theta.len(), 0.0);
         self.angle.clear();
         self.angle.extend_from_slice(theta);
         match period {

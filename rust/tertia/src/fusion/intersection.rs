@@ -13,6 +13,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{Square, large, solve_definite, zeros};
+use crate::base::scratch::refill;
 use crate::weights::Group;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim};
@@ -141,8 +142,7 @@ where
             }
         }
         for list in [&mut self.share, &mut self.multiplier, &mut self.gradient, &mut self.step] {
-            list.clear();
-            list.resize(count, 0.0);
+            refill(list, count, 0.0);
         }
         self.share.fill(1.0 / count as f64);
         if self.curvature.nrows() != count {

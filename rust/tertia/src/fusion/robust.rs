@@ -15,6 +15,7 @@ use super::clusters::Clusters;
 use super::hypotheses::{Followed, Row, Spread, trace};
 use super::levels::{EXCESSES, MANOEUVRES, NOISE, OUTLIERS};
 use super::mixture::{Component, reduce, united};
+use crate::base::scratch::refill;
 use crate::kalman::{Filter, Transition, residual};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -291,13 +292,11 @@ impl Robust {
     #[inline(always)]
     fn learn(&mut self) {
         let followed = &self.followed[..self.plots.len()];
-        self.effects.clear();
-        self.effects.resize(self.last.weights().len(), Row::default());
+        refill(&mut self.effects, self.last.weights().len(), Row::default());
         for (cluster, members) in self.clusters.members() {
             let component = &mut self.components[cluster.component];
             let mut motion = [0.0; MANOEUVRES.len()];
-            self.of_levels.clear();
-            self.of_levels.resize(followed.len(), [0.0; EXCESSES.len()]);
+            refill(&mut self.of_levels, followed.len(), [0.0; EXCESSES.len()]);
             trace(followed, members, &mut self.of_levels, &mut motion);
             component.motion = motion.map(|p| p / cluster.weight);
             for (plot, of_levels) in self.plots.iter_mut().zip(&self.of_levels) {

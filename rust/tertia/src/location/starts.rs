@@ -3,6 +3,7 @@
 use super::descent::{Cost, Loss};
 use super::lane::{LANES, Lanes};
 use super::total::Total;
+use crate::base::scratch::refill;
 use crate::base::small;
 use crate::base::vector::Vector;
 use crate::sensors::{Measurement, SMALL_TANGENT};
@@ -15,8 +16,7 @@ pub(super) fn costs<const D: usize, const N: usize>(
     loss: Loss,
     costs: &mut Vec<f64>,
 ) {
-    costs.clear();
-    costs.resize(states.len(), 0.0);
+    refill(costs, states.len(), 0.0);
     Arch::new().dispatch(Costs { measurements, states, loss, costs });
 }
 

@@ -8,6 +8,7 @@ use crate::base::angle::median;
 use crate::base::error::{Result, require, require_correlation, require_sample};
 use crate::base::interrupt::poll;
 use crate::base::moments::Moments;
+use crate::base::scratch::refill;
 use pulp::{Simd, WithSimd};
 
 /// Ratio of the standard deviation of a normal distribution to its MAD.
@@ -222,8 +223,7 @@ impl BurstRule {
         let n = score.len();
         for (buffer, size) in [(&mut *sum, n), (&mut *total, n + 1), (&mut *gain, self.max_length)]
         {
-            buffer.clear();
-            buffer.resize(size, 0.0);
+            refill(buffer, size, 0.0);
         }
         length.clear();
         for (t, &x) in score.iter().enumerate() {

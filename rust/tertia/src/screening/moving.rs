@@ -7,6 +7,7 @@ use crate::base::basis::Basis;
 use crate::base::error::{Result, require, require_each, require_times};
 use crate::base::interrupt::poll;
 use crate::base::moments::Moments;
+use crate::base::scratch::refill;
 
 /// Ratio of the standard deviation of a normal distribution to its MAD.
 const MAD_TO_SIGMA: f64 = 1.4826;
@@ -224,8 +225,7 @@ impl Neighbours {
         self.basis.build(degree, &x, &self.ones);
         let mut at_zero = Vec::new();
         self.basis.derivatives(0, 0.0, &mut at_zero);
-        self.weight.clear();
-        self.weight.resize(x.len(), 0.0);
+        refill(&mut self.weight, x.len(), 0.0);
         for (p, factor) in at_zero.iter().enumerate() {
             let row = self.basis.row(p);
             self.weight.iter_mut().zip(row).for_each(|(c, phi)| *c += factor * phi);

@@ -10,6 +10,7 @@ use super::motion::ProcessNoise;
 use super::rows::{reduce, reflect, triangularise};
 use super::seen::{Quantity, Seen};
 use super::track::Track;
+use crate::base::scratch::refill;
 use std::ops::Range;
 
 /// Sum of logarithms, computed from products as far as possible.
@@ -61,8 +62,7 @@ impl Information {
         self.seen.clear();
         let seen = if prior.is_empty() { Seen::NONE } else { Seen::ALL };
         self.seen.resize(dimension, seen);
-        self.sums.clear();
-        self.sums.resize(2 * n + 1, 0.0);
+        refill(&mut self.sums, 2 * n + 1, 0.0);
     }
 
     pub fn rank(&self) -> usize {
@@ -109,8 +109,7 @@ impl Information {
         let (g, axes) = (motion.noise_root(t), (d, motion.last_axis.sqrt()));
         let wide = n + width;
         let count = self.rows.len() / width;
-        self.spare.clear();
-        self.spare.resize((count + n) * wide, 0.0);
+        refill(&mut self.spare, (count + n) * wide, 0.0);
         let (known, unit) = self.spare.split_at_mut(count * wide);
         for (out, row) in known.chunks_exact_mut(wide).zip(self.rows.chunks_exact_mut(width)) {
             let (noise, state) = out.split_at_mut(n);

@@ -38,6 +38,12 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// A model of this motion with the noise as stated.
+    pub fn as_stated(motion: ProcessNoise) -> Self {
+        let lasting = LastingNoise::NONE;
+        Self { motion, lasting, wandering: 0.0, velocity_factor: 1.0, velocity_time_offset: 0.0 }
+    }
+
     /// The motion with the white velocity that moves the position like the wandering over short times.
     pub fn whole_motion(&self) -> ProcessNoise {
         let mut motion = self.motion;

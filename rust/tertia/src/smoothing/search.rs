@@ -122,11 +122,10 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let of = |offset: [f64; 3]| {
             let [log, velocity_factor, lag] = std::array::from_fn(|i| start[i] + offset[i]);
             let model = Model {
-                motion: motion(log),
                 lasting,
-                wandering: 0.0,
                 velocity_factor: velocity_factor.exp(),
                 velocity_time_offset: unit * lag,
+                ..Model::as_stated(motion(log))
             };
             match self.jerk {
                 Some(jerk) => self.with_jerk(jerk, model, scale, faults),
@@ -188,17 +187,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let (low, high) = range(self.track, Family::Jerk.power()).unwrap_or((self.low, self.low));
         let count = ((high - low) / SCAN).ceil() as usize;
         let logs = (0..=count).map(|i| low + SCAN * i as f64);
-        let value = |log: f64| {
-            let lasting = LastingNoise::NONE;
-            let model = Model {
-                motion: motion(log),
-                lasting,
-                wandering: 0.0,
-                velocity_factor: 1.0,
-                velocity_time_offset: 0.0,
-            };
-            self.candidate(model, Scale::Stated, faults).value
-        };
+        let value =
+            |log: f64| self.candidate(Model::as_stated(motion(log)), Scale::Stated, faults).value;
         let values = logs.map(|log| (log, value(log))).filter(|(_, value)| !value.is_nan());
         let best = values.max_by(|a, b| a.1.total_cmp(&b.1));
         Near::intensity(best.map_or(low, |(log, _)| log))

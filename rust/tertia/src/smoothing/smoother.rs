@@ -14,6 +14,7 @@ use super::track::Track;
 use super::unresolved::add_unresolved;
 use super::whitening::Whitening;
 use crate::base::interrupt::poll;
+use crate::base::scratch::refill;
 use std::f64::consts::TAU;
 
 /// Buffers, which grow with the track.
@@ -137,8 +138,7 @@ fn backwards(
     let Workspace { information, triangle, state, forwards, root, sums, .. } = workspace;
     information.start(d, &[]);
     for (values, size) in [(&mut *root, n * n), (&mut *state, n), (&mut *sums, width)] {
-        values.clear();
-        values.resize(size, 0.0);
+        refill(values, size, 0.0);
     }
     let mut unused = Logarithms::NONE;
     for k in (0..track.len()).rev() {

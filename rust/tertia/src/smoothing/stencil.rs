@@ -103,11 +103,7 @@ impl WithSimd for Convolution<'_> {
         let Self { stencil, y, value } = self;
         let half = stencil.window / 2;
         let mut squares = [0.0; LANES];
-        for start in (0..value.len()).step_by(LANES) {
-            if start % POLLED == 0 {
-                poll();
-            }
-            let count = LANES.min(value.len() - start);
+        for (start, count) in blocks(value.len()) {
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
             let middle = lanes(block, half);
@@ -130,6 +126,17 @@ impl WithSimd for Convolution<'_> {
         }
         squares.iter().sum()
     }
+}
+
+/// Iterates over blocks of up to [`LANES`] of `n` windows: the first window, and their number.
+#[inline(always)]
+fn blocks(n: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n).step_by(LANES).map(move |start| {
+        if start % POLLED == 0 {
+            poll();
+        }
+        (start, LANES.min(n - start))
+    })
 }
 
 /// Returns the plots of a block of windows, with zeros after the end of the last one.
@@ -197,11 +204,7 @@ impl WithSimd for Adaptive<'_> {
         let stencil = choice.stencil;
         let (window, half, top) = (stencil.window, stencil.window / 2, stencil.degree);
         let mut total = 0.0;
-        for start in (0..value.len()).step_by(LANES) {
-            if start % POLLED == 0 {
-                poll();
-            }
-            let count = LANES.min(value.len() - start);
+        for (start, count) in blocks(value.len()) {
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
             let middle = lanes(block, half);

@@ -3,6 +3,7 @@
 use super::information::Information;
 use super::rows::{invert, solve};
 use super::track::Track;
+use crate::base::scratch::refill;
 
 /// Buffers.
 #[derive(Clone, Debug, Default)]
@@ -40,8 +41,7 @@ impl Whitening {
         }
         information.complete(n, track, triangle);
         for values in [&mut *root, &mut *state] {
-            values.clear();
-            values.resize(n * n, 0.0);
+            refill(values, n * n, 0.0);
         }
         invert(triangle, width, n, root);
         solve(triangle, width, n, state);
