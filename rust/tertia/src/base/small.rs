@@ -30,6 +30,14 @@ pub(crate) fn add_multiple<const D: usize>(a: &mut Vector<D>, factor: f64, b: &V
     }
 }
 
+/// `A + weight x x^T` in place of A.
+#[inline(always)]
+pub(crate) fn add_outer<const D: usize>(a: &mut Matrix<D>, weight: f64, x: &Vector<D>) {
+    for i in 0..D {
+        add_multiple(&mut a[i], weight * x[i], x);
+    }
+}
+
 /// `A^T x`, row by row: in vectors, unlike sums of products. Also `A x` of a symmetric matrix.
 #[inline(always)]
 pub(crate) fn product<const D: usize>(a: &Matrix<D>, x: &Vector<D>) -> Vector<D> {

@@ -1,6 +1,6 @@
 //! Starting points from times of arrival in metres: `z = b + |p − s|`, where b is the emission.
 
-use crate::base::small::{Factor, Vector, dot, norm};
+use crate::base::small::{Factor, Vector, add_multiple, add_outer, dot, norm};
 use crate::sensors::{Kind, Measurement};
 
 /// Rank, as a fraction, of the arrival that is taken as undisturbed: more arrivals are late than early.
@@ -37,9 +37,7 @@ pub(super) fn start<const D: usize, const N: usize>(
     for m in arrivals() {
         let (s, right) = row(m);
         let weight = m.precision * m.precision;
-        for i in 0..N {
-            mean[i] += weight * s[i];
-        }
+        add_multiple(&mut mean, weight, &s);
         middle += weight * right;
         total += weight;
     }
@@ -51,10 +49,8 @@ pub(super) fn start<const D: usize, const N: usize>(
         let own: Vector<N> = std::array::from_fn(|i| s[i] - mean[i] / total);
         for i in 0..N {
             vector[i] += weight * own[i] * (right - middle / total);
-            for j in 0..N {
-                matrix[i][j] += weight * own[i] * own[j];
-            }
         }
+        add_outer(&mut matrix, weight, &own);
     }
     Some(Factor::try_new(&matrix, 0.0)?.solve(&vector))
 }

@@ -1,7 +1,7 @@
 //! Gauss–Newton and Newton steps on weighted, whitened residuals, with Levenberg damping.
 
 use super::doubt::EVIDENCE;
-use crate::base::small::{Factor, Matrix, Vector, norm, quadratic};
+use crate::base::small::{Factor, Matrix, Vector, add_multiple, norm, quadratic};
 use crate::sensors::{Kind, Measurement, Row};
 
 /// Least squares end when a step is shorter than this, in standard deviations.
@@ -215,11 +215,7 @@ impl<const D: usize> Normal<D> {
     /// Returns the curvature matrix plus this share of the weighted matrix.
     fn mixed(&self, share: f64) -> Matrix<D> {
         let mut mixed = self.curvature;
-        for i in 0..D {
-            for j in 0..D {
-                mixed[i][j] += share * self.matrix[i][j];
-            }
-        }
+        mixed.iter_mut().zip(&self.matrix).for_each(|(own, row)| add_multiple(own, share, row));
         mixed
     }
 }

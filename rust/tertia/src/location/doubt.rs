@@ -7,7 +7,7 @@
 //! (Hoeting, Madigan, Raftery, Volinsky 1999) adds `π (1 − π) d d^T`, where d is the shift of the
 //! position between them.
 
-use crate::base::small::{Matrix, Vector, dot};
+use crate::base::small::{Matrix, Vector, add_outer, dot};
 use crate::sensors::Row;
 
 /// −ln of `ε/(1 − ε) √(2π)/s` for a share ε = 1 % of faults that are evenly spread over s = 100 σ.
@@ -48,11 +48,7 @@ pub(super) fn doubt<const D: usize>(
         }
         // between weights 0 and 1 the position moves by (J^T W J)^-1 j r / share
         let shift = residual / share;
-        for i in 0..D {
-            for j in 0..D {
-                sum[i][j] += spread * shift * shift * gain[i] * gain[j];
-            }
-        }
+        add_outer(&mut sum, spread * shift * shift, &gain);
     }
     sum
 }

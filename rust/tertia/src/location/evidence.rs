@@ -7,7 +7,7 @@ use super::descent::Loss;
 use super::fix::Instant;
 use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
-use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::base::small::{Factor, Matrix, Vector, add_multiple, add_outer, dot};
 use crate::sensors::{KINDS, Row};
 
 /// Shares of outliers. Relative to the normal density at 0, the density of outliers is [`FLAT`] up to
@@ -164,12 +164,8 @@ impl<const D: usize, const N: usize> Record<D, N> {
 fn normal<const N: usize>(rows: &[Row<N>], keeps: &[bool]) -> Option<(Factor<N>, Vector<N>)> {
     let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
     for (row, _) in rows.iter().zip(keeps).filter(|(_, keep)| **keep) {
-        for i in 0..N {
-            vector[i] += row.residual * row.gradient[i];
-            for j in 0..N {
-                normal[i][j] += row.gradient[i] * row.gradient[j];
-            }
-        }
+        add_multiple(&mut vector, row.residual, &row.gradient);
+        add_outer(&mut normal, 1.0, &row.gradient);
     }
     Some((Factor::try_new(&normal, 0.0)?, vector))
 }

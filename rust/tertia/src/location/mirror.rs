@@ -1,6 +1,6 @@
 //! The line or plane that is nearest to the stations, and its sides.
 
-use crate::base::small::{Factor, Matrix, Vector, dot, longest, quadratic};
+use crate::base::small::{Factor, Matrix, Vector, add_outer, dot, longest, quadratic};
 use crate::sensors::{Kind, Measurement};
 
 /// Largest distance of the stations from their plane, as a share of their distances within it (root mean
@@ -45,9 +45,7 @@ impl<const D: usize> Mirror<D> {
         for station in stations {
             let offset: Vector<D> = std::array::from_fn(|i| station[i] - middle[i]);
             total += dot(&offset, &offset);
-            for i in 0..D {
-                (0..D).for_each(|j| spread[i][j] += offset[i] * offset[j]);
-            }
+            add_outer(&mut spread, 1.0, &offset);
         }
         let mut raised = spread;
         (0..D).for_each(|i| raised[i][i] += FLAT * total);

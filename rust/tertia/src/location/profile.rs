@@ -11,7 +11,7 @@ use super::descent::Loss;
 use super::growth::LIMIT;
 use super::minimum::Minimum;
 use super::search::{Search, position};
-use crate::base::small::{Factor, Matrix, Vector, add, dot, longest, norm};
+use crate::base::small::{Factor, Matrix, Vector, add, add_outer, dot, longest, norm};
 
 /// Standard deviations above this fraction of the distance to the nearest station are not small: the
 /// linear covariance is 3 % too small at 0.14, and right at 0.06.
@@ -109,11 +109,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         for _ in 0..RELAXATIONS {
             let trace: f64 = (0..N).map(|i| normal.matrix[i][i]).sum();
             let mut matrix = normal.matrix;
-            for i in 0..N {
-                for j in 0..N {
-                    matrix[i][j] += STIFF * trace * axis[i] * axis[j];
-                }
-            }
+            add_outer(&mut matrix, STIFF * trace, axis);
             let along = dot(&normal.vector, axis);
             let across = std::array::from_fn(|i| normal.vector[i] - along * axis[i]);
             let Some(factor) = Factor::try_new(&matrix, 0.0) else { break };

@@ -17,7 +17,7 @@ use super::radial::{Radial, falling_root};
 use super::region::Located;
 use crate::base::distribution::chi_square_upper_quantile;
 use crate::base::error::{Error, Result};
-use crate::base::small::{Factor, Matrix, Vector, rotated};
+use crate::base::small::{Factor, Matrix, Vector, add_outer, rotated};
 use crate::sensors::Row;
 
 /// Largest number of sets of measurements that are left out in turn: they take a few seconds and 100 MB.
@@ -161,10 +161,8 @@ impl<const D: usize> Sums<D> {
     fn add(&mut self, row: &Row<D>, sign: f64) {
         for i in 0..D {
             self.vector[i] += sign * row.gradient[i] * row.residual;
-            for j in 0..D {
-                self.matrix[i][j] += sign * row.gradient[i] * row.gradient[j];
-            }
         }
+        add_outer(&mut self.matrix, sign, &row.gradient);
     }
 
     /// Returns the covariance, and the step from the position to the least-squares minimum.

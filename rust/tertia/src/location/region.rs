@@ -10,7 +10,7 @@ use super::fix::Instant;
 use super::radial::Radial;
 use super::record::{NOWHERE, Record};
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
-use crate::base::small::{Factor, Matrix, Vector, quadratic};
+use crate::base::small::{Factor, Matrix, Vector, add_multiple, add_outer, quadratic};
 use crate::sensors::{KINDS, Kind, Measurement, Row};
 use std::f64::consts::TAU;
 
@@ -181,12 +181,8 @@ impl Likelihood {
             let Row { residual, gradient } = m.row(&p);
             emission.add(m, residual, gradient);
             own.cost += residual * residual;
-            for i in 0..2 {
-                own.slope[i] += 2.0 * residual * gradient[i];
-                for j in 0..2 {
-                    own.matrix[i][j] += gradient[i] * gradient[j];
-                }
-            }
+            add_multiple(&mut own.slope, 2.0 * residual, &gradient);
+            add_outer(&mut own.matrix, 1.0, &gradient);
         }
         own.cost -= emission.share(emission.residual, emission.residual);
         for i in 0..2 {

@@ -10,7 +10,7 @@ use super::fix::{Instant, Solution, Status};
 use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
 use super::speed::{FAULT, Speed};
-use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::base::small::{Factor, Matrix, Vector, add_multiple, add_outer, dot};
 use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
 
@@ -139,10 +139,8 @@ impl Sums {
         self.measured += record.rows.len() as f64;
         self.outliers += (record.rows.len() - rows.len()) as f64;
         for (_, row) in &rows {
-            for i in 0..N {
-                right[i] += row.residual * row.gradient[i];
-                (0..N).for_each(|j| normal[i][j] += row.gradient[i] * row.gradient[j]);
-            }
+            add_multiple(&mut right, row.residual, &row.gradient);
+            add_outer(&mut normal, 1.0, &row.gradient);
             square += row.residual * row.residual;
             count += 1;
         }
@@ -152,7 +150,7 @@ impl Sums {
             let station = Some(1 + m.index).filter(|column| *column < self.score.len());
             let own = || std::iter::once((0, slower)).chain(station.map(|column| (column, 1.0)));
             for (a, slope) in own() {
-                (0..N).for_each(|i| cross[a][i] += slope * row.gradient[i]);
+                add_multiple(&mut cross[a], slope, &row.gradient);
                 own().for_each(|(b, other)| self.information[(a, b)] += slope * other);
                 self.score[a] += slope * row.residual;
             }

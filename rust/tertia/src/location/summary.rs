@@ -5,7 +5,7 @@ use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::minimum::Minimum;
 use super::search::{Search, position};
-use crate::base::small::{Factor, Matrix, Vector, add, undetermined};
+use crate::base::small::{Factor, Matrix, Vector, add, add_multiple, add_outer, undetermined};
 use crate::sensors::{KINDS, Measurement, Row};
 
 /// Number of steps of the iteration for the σ whose expected weighted residuals are as large as the
@@ -89,17 +89,10 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let mut pulls = [[0.0; N]; KINDS + 1];
         for (m, row) in self.problem.measurements.iter().zip(rows) {
             let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
-            for (pull, gradient) in pulls[m.kind as usize].iter_mut().zip(&row.gradient) {
-                *pull += weight * gradient;
-            }
+            add_multiple(&mut pulls[m.kind as usize], weight, &row.gradient);
         }
         for (pull, share) in pulls.iter().zip(shares).filter(|(_, share)| **share > 0.0) {
-            let response = factor.solve(pull);
-            for i in 0..D {
-                for j in 0..D {
-                    sum[i][j] += share * response[i] * response[j];
-                }
-            }
+            add_outer(&mut sum, *share, &position::<D, N>(&factor.solve(pull)));
         }
         sum
     }
@@ -120,11 +113,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             if share > 0.0 {
                 let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
                 let response = factor.solve(&row.gradient.map(|g| weight * g));
-                for i in 0..D {
-                    for j in 0..D {
-                        sum[i][j] += share * response[i] * response[j];
-                    }
-                }
+                add_outer(&mut sum, share, &position::<D, N>(&response));
             }
         }
         sum
@@ -143,7 +132,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         {
             let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
             let error = weight * share * m.path(&p) * m.precision;
-            pull.iter_mut().zip(&row.gradient).for_each(|(v, g)| *v += error * g);
+            add_multiple(&mut pull, error, &row.gradient);
         }
         factor.solve(&pull)
     }

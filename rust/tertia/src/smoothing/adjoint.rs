@@ -18,7 +18,7 @@ use super::rows::{invert, solve, triangularise};
 use super::seen::ENOUGH;
 use super::track::Track;
 use super::whitening::Whitening;
-use crate::base::small::{Matrix as Square, dot, symmetrise};
+use crate::base::small::{Matrix as Square, add_multiple, dot, product, symmetrise};
 use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
@@ -380,24 +380,14 @@ impl<const M: usize, const N: usize> Step<M, N> {
                 let h = whitener[i * M + j];
                 if h != 0.0 {
                     innovation += h * (plot[j] - self.x[j]);
-                    for c in 0..N {
-                        ph[c] += h * self.p[j][c];
-                    }
+                    add_multiple(&mut ph, h, &self.p[j]);
                 }
             }
             let s = 1.0 + (0..=i).map(|j| whitener[i * M + j] * ph[j]).sum::<f64>();
             if !(1.0..loss).contains(&s) {
                 return None;
             }
-            let reciprocal = 1.0 / s;
-            let gain = innovation * reciprocal;
-            for r in 0..N {
-                self.x[r] += ph[r] * gain;
-                for c in 0..N {
-                    self.p[r][c] -= ph[r] * ph[c] * reciprocal;
-                }
-            }
-            squares += innovation * gain;
+            squares += innovation * update(&mut self.x, &mut self.p, &ph, innovation, s);
             spread.add(s);
             (self.ph[i], self.s[i], self.innovation[i]) = (ph, s, innovation);
         }
@@ -408,13 +398,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
     #[inline(always)]
     fn smoothed_covariance(&self, big: &Square<N>, components: usize, out: &mut [f64]) {
         for i in 0..components {
-            let mut row = [0.0; N];
-            for k in 0..N {
-                let factor = self.p[i][k];
-                for c in 0..N {
-                    row[c] += factor * big[k][c];
-                }
-            }
+            let row = product(big, &self.p[i]);
             for j in 0..=i {
                 let value = self.p[i][j] - dot(&row, &self.p[j]);
                 out[i * components + j] = value;
@@ -439,17 +423,10 @@ impl<const M: usize, const N: usize> Step<M, N> {
                 *l -= h * along;
             }
             let Some(big) = big.as_deref_mut() else { continue };
-            let mut moved = [0.0; N];
-            for r in 0..N {
-                for c in 0..N {
-                    moved[c] += gain[r] * big[r][c];
-                }
-            }
+            let moved = product(big, &gain);
             let square = dot(&moved, &gain) + reciprocal;
             for (j, h) in h.iter().enumerate() {
-                for c in 0..N {
-                    big[j][c] -= h * moved[c];
-                }
+                add_multiple(&mut big[j], -h, &moved);
             }
             for row in 0..N {
                 for (j, h) in h.iter().enumerate() {
@@ -463,6 +440,27 @@ impl<const M: usize, const N: usize> Step<M, N> {
             }
         }
     }
+}
+
+/// Updates a state and its covariance by a number with this innovation of variance `s`, whose covariances with the
+/// state are `P H'`; returns the innovation divided by its variance.
+#[inline(always)]
+pub(super) fn update<const N: usize>(
+    x: &mut [f64; N],
+    p: &mut Square<N>,
+    ph: &[f64; N],
+    innovation: f64,
+    s: f64,
+) -> f64 {
+    let reciprocal = 1.0 / s;
+    let gain = innovation * reciprocal;
+    for r in 0..N {
+        x[r] += ph[r] * gain;
+        for c in 0..N {
+            p[r][c] -= ph[r] * ph[c] * reciprocal;
+        }
+    }
+    gain
 }
 
 /// `F' λ` and `F' Λ F`

@@ -9,6 +9,7 @@
 
 mod start;
 
+use super::adjoint::update;
 use super::diffuse;
 use super::information::Logarithms;
 use super::model::{Faded, Faults, Model};
@@ -338,16 +339,10 @@ impl<const M: usize, const N: usize> Step<M, N> {
             }
             let innovation = measured + late - predicted;
             let s = (1.0 - share) * variance + dot(&ph, &h);
-            let reciprocal = 1.0 / s;
-            let gain = innovation * reciprocal;
-            for r in 0..N {
-                self.x[r] += ph[r] * gain;
-                for c in 0..N {
-                    self.p[r][c] -= ph[r] * ph[c] * reciprocal;
-                }
-            }
+            let gain = update(&mut self.x, &mut self.p, &ph, innovation, s);
             let own = (1.0 - share) * variance;
             if s > STEEP * own {
+                let reciprocal = 1.0 / s;
                 self.correct(&h, &ph.map(|ph| ph * reciprocal), own);
             }
             fit.squares += innovation * gain;

@@ -9,7 +9,7 @@ use super::instant::{Instant, LEAST_ANCHOR, Seen};
 use super::measured::{Measured, Place, Record};
 use super::mirror::{Mirror, Sides};
 use super::path::{Path, Plots, Smoother};
-use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::base::small::{Factor, Matrix, Vector, add_outer, rotated};
 use crate::sensors::Row;
 use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
@@ -223,12 +223,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
             let pull = row.residual / (self.scale * self.scale);
             let size = DOUBT * trust * (1.0 - trust) * pull * pull;
             if size > 0.0 {
-                let shift: Vector<D> = std::array::from_fn(|i| dot(&inverse[i], &row.gradient));
-                for i in 0..D {
-                    for j in 0..D {
-                        whole[i][j] += size * shift[i] * shift[j];
-                    }
-                }
+                let shift = rotated(&inverse, &row.gradient);
+                add_outer(&mut whole, size, &shift);
             }
         }
         whole
@@ -265,10 +261,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
             let Some(row) = emission.removed_from(one, row) else { continue };
             for i in 0..D {
                 right[i] += weight * row.gradient[i] * row.residual;
-                for j in 0..D {
-                    normal[i][j] += weight * row.gradient[i] * row.gradient[j];
-                }
             }
+            add_outer(&mut normal, weight, &row.gradient);
         }
         (normal, right)
     }

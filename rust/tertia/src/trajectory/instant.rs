@@ -1,7 +1,7 @@
 //! An instant linearised about a position: residuals, derivatives, and the effect of biases.
 
 use super::measured::{Measured, Place};
-use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::base::small::{Factor, Matrix, Vector, add_multiple, add_outer, dot};
 use crate::sensors::{KINDS, Kind};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -70,11 +70,7 @@ impl<const D: usize> Instant<D> {
         let mut normal: Matrix<D> =
             std::array::from_fn(|i| std::array::from_fn(|j| if i == j { anchor } else { 0.0 }));
         for (_, weight, _, gradient, _) in &rows {
-            for i in 0..D {
-                for j in 0..D {
-                    normal[i][j] += weight * gradient[i] * gradient[j];
-                }
-            }
+            add_outer(&mut normal, *weight, gradient);
         }
         let inverse = inverse_of(normal);
         let own = inverse.unwrap_or([[0.0; D]; D]);
@@ -237,9 +233,7 @@ fn centred<const D: usize>(rows: &mut [Single<D>], own: Range<usize>) -> Group {
     for (_, w, r, g, _) in &rows[own.clone()] {
         total += w;
         residual += w * r;
-        for i in 0..D {
-            gradient[i] += w * g[i];
-        }
+        add_multiple(&mut gradient, *w, g);
     }
     for (_, _, r, g, _) in &mut rows[own.clone()] {
         *r -= residual / total;

@@ -1,6 +1,6 @@
 //! The measurements of each instant, ready to be compared with positions.
 
-use crate::base::small::Vector;
+use crate::base::small::{Vector, add_multiple};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
 use std::f64::consts::FRAC_PI_2;
 use std::num::NonZero;
@@ -257,9 +257,7 @@ impl<const D: usize> Measured<D> {
             let (own, precision) = (weight(m), self.precision(m));
             offsets.push((row.residual / precision, own * precision * precision));
             sum.information += own * precision * precision;
-            for i in 0..D {
-                sum.gradient[i] += own * precision * row.gradient[i];
-            }
+            add_multiple(&mut sum.gradient, own * precision, &row.gradient);
         }
         if offsets.iter().filter(|(_, weight)| *weight > 0.0).count() < 2 {
             return Emission::NONE;

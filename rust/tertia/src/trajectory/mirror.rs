@@ -13,7 +13,7 @@
 use super::failure::Failure;
 use super::measured::{Place, Record};
 use super::path::{Path, Plots};
-use crate::base::small::{Matrix, Vector, dot, quadratic};
+use crate::base::small::{Matrix, Vector, add_multiple, add_outer, dot, quadratic};
 use crate::sensors::{KINDS, Kind};
 use nalgebra::DMatrix;
 
@@ -175,17 +175,13 @@ impl<const D: usize> Mirror<D> {
     /// Raises the information about the distance from the plane to that of another matrix.
     pub fn raise(&self, information: &mut Matrix<D>, other: &Matrix<D>) {
         let more = quadratic(other, &self.normal) - quadratic(information, &self.normal);
-        for i in 0..D {
-            for j in 0..D {
-                information[i][j] += more.max(0.0) * self.normal[i] * self.normal[j];
-            }
-        }
+        add_outer(information, more.max(0.0), &self.normal);
     }
 
     /// Reduces the component of a direction along the normal to this share.
     fn shortened(&self, direction: &mut Vector<D>, share: f64) {
         let along = dot(&self.normal, direction) * (1.0 - share);
-        (0..D).for_each(|i| direction[i] -= along * self.normal[i]);
+        add_multiple(direction, -along, &self.normal);
     }
 }
 

@@ -7,7 +7,7 @@ use super::measured::{Measured, Place, Record, in_domain, seen};
 use super::result::{Trajectory, without_correlations};
 use super::series::{Noisy, Polynomials, Series};
 use crate::base::angle::{median, nearest};
-use crate::base::small::{Factor, Vector, dot, norm};
+use crate::base::small::{Factor, Vector, add_multiple, add_outer, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement};
 use std::f64::consts::TAU;
 
@@ -136,11 +136,7 @@ impl<const D: usize> Solution<D> {
                 continue;
             }
             let weight = sigma[at].powi(-2);
-            for i in 0..D {
-                for j in 0..D {
-                    normal[i][j] += weight * row.gradient[i] * row.gradient[j];
-                }
-            }
+            add_outer(&mut normal, weight, &row.gradient);
             columns.push((m, row.gradient.map(|v| weight * v)));
         }
         let factor = Factor::try_new(&normal, 0.0)?;
@@ -151,10 +147,7 @@ impl<const D: usize> Solution<D> {
     fn sum(&self, of: impl Fn(usize) -> f64) -> Vector<D> {
         let mut sum = [0.0; D];
         for (m, column) in &self.0 {
-            let value = of(*m);
-            for i in 0..D {
-                sum[i] += column[i] * value;
-            }
+            add_multiple(&mut sum, of(*m), column);
         }
         sum
     }

@@ -5,7 +5,7 @@ use super::normal::Weights;
 use super::problem::{Model, NU, Problem, State};
 use super::scene::{Arrival, Scene};
 use super::starts::Start;
-use crate::base::small::Factor;
+use crate::base::small::{Factor, add_multiple, add_outer};
 
 /// Largest number of steps in which the scale of the errors decreases; least factor of a decrease; first
 /// scale relative to the extent.
@@ -292,10 +292,8 @@ impl<const D: usize> Problem<'_, D> {
                 for i in 0..D {
                     sum[i] += w * towards[i];
                     pull[i] += w * towards[i] * error;
-                    for j in 0..D {
-                        matrix[i][j] += w * towards[i] * towards[j];
-                    }
                 }
+                add_outer(&mut matrix, w, &towards);
             }
             for i in 0..D {
                 pull[i] -= sum[i] * own / weight + far * (position[i] - middle[i]);
@@ -310,9 +308,7 @@ impl<const D: usize> Problem<'_, D> {
             let length = (LONGEST * self.extent / longest.max(f64::MIN_POSITIVE)).min(1.0);
             let taken: f64 = (0..D).map(|i| sum[i] * step[i]).sum();
             time += length * (own - taken) / weight;
-            for i in 0..D {
-                position[i] += length * step[i];
-            }
+            add_multiple(&mut position, length, &step);
             scale = (0.7 * scale).max(finest);
         }
         let errors = heard.iter().map(|(site, z)| {
