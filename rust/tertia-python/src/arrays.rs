@@ -210,6 +210,23 @@ impl Rows<'_> {
             .map_err(|failure| self.error(failure))
     }
 
+    /// Calls `work` on every row as [`Self::each`], but without a state; the results are `unknown` until it
+    /// changes them.
+    pub fn results<R: Clone + Send>(
+        &self,
+        py: Python<'_>,
+        nanoseconds: f64,
+        n_threads: Threads,
+        unknown: R,
+        work: impl Fn(usize, &[f64], &mut R) -> tertia::Result<()> + Sync + Send,
+    ) -> PyResult<Vec<R>> {
+        let mut found = repeated(unknown, self.count())?;
+        let work =
+            |(): &mut (), (row, values): (usize, &[f64]), out: &mut R| work(row, values, out);
+        self.each(py, nanoseconds, n_threads, found.iter_mut(), || (), work)?;
+        Ok(found)
+    }
+
     /// Converts the error of a row to a Python error that contains the index of the row in the batch.
     pub fn error(&self, failure: RowError) -> PyErr {
         let text = failure.error.to_string();
@@ -380,6 +397,15 @@ pub fn array<'py, T: Element>(
         *place = value;
     }
     Ok(array)
+}
+
+/// Creates an array of one axis.
+pub fn vector<'py, T: Element>(
+    py: Python<'py>,
+    values: impl IntoIterator<Item = T, IntoIter: ExactSizeIterator>,
+) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    let values = values.into_iter();
+    array(py, &[values.len()], values)
 }
 
 /// Creates a symmetric matrix from its upper triangle.

@@ -2,7 +2,7 @@
 
 use crate::arrays::{
     Array, Input, Integers, Output, Rows, array, choice, columns, release, repeated, room_for,
-    value_error,
+    value_error, vector,
 };
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
@@ -207,7 +207,7 @@ pub fn associate<'py>(
     let count = [plot_of_track.len()];
     let plots = plot_of_track.iter().map(|plot| plot.map_or(NONE, i64::from));
     Ok((
-        array(py, &[track_of_plot.len()], track_of_plot)?,
+        vector(py, track_of_plot)?,
         array(py, &count, plots)?,
         array(py, &count, score)?,
         array(py, &count, nis)?,
@@ -270,7 +270,7 @@ pub fn assign_pairs<'py>(
         };
         result.iter().map(|column| column.map_or(NONE, i64::from)).collect::<Vec<_>>()
     })?;
-    array(py, &[result.len()], result)
+    vector(py, result)
 }
 
 /// Checks that an index is below a count.

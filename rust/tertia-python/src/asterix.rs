@@ -1,6 +1,6 @@
 //! Bindings of `tertia::asterix`.
 
-use crate::arrays::{Array, Integers, array, release};
+use crate::arrays::{Array, Integers, release, vector};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use tertia::asterix::{self, Damage, Gap};
@@ -31,7 +31,7 @@ pub fn asterix_definitions() -> Vec<Definition> {
 #[pyfunction]
 pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<'py>> {
     let found = release(py, contents.len() as f64, || asterix::blocks(contents))?;
-    let category = array(py, &[found.category.len()], found.category.into_iter().map(i64::from))?;
+    let category = vector(py, found.category.into_iter().map(i64::from))?;
     Ok((category, places(py, found.begin)?, places(py, found.end)?, found.stop))
 }
 
@@ -45,7 +45,7 @@ pub fn asterix_recording<'py>(
 ) -> PyResult<Recording<'py>> {
     let cost = OCTET_NS * contents.len() as f64;
     let (found, gaps) = release(py, cost, || asterix::recover(contents, &known))?;
-    let category = array(py, &[found.category.len()], found.category.into_iter().map(i64::from))?;
+    let category = vector(py, found.category.into_iter().map(i64::from))?;
     let gaps = gaps.into_iter().map(|Gap { at, lost }| (at, lost)).collect();
     Ok((category, places(py, found.begin)?, places(py, found.end)?, gaps))
 }
@@ -64,7 +64,7 @@ pub fn asterix_records<'py>(
     let definition = &asterix::definitions()[definition];
     let cost = OCTET_NS * contents.len() as f64;
     let found = release(py, cost, || asterix::decode(definition, contents, ranges))?;
-    let columns = found.columns.into_iter().map(|one| array(py, &[one.len()], one));
+    let columns = found.columns.into_iter().map(|one| vector(py, one));
     let columns = columns.collect::<PyResult<_>>()?;
     let damage = found.damage.iter().map(|&Damage { block, at, reason }| (block, at, reason));
     Ok((places(py, found.block)?, columns, damage.collect()))
@@ -80,9 +80,9 @@ pub fn asterix_times<'py>(
 ) -> PyResult<Array<'py>> {
     let (full, truncated, source) = (full.as_slice()?, truncated.as_slice()?, source.as_slice()?);
     let times = asterix::complete_times(full, truncated, source);
-    array(py, &[times.len()], times)
+    vector(py, times)
 }
 
 fn places(py: Python<'_>, places: Vec<usize>) -> PyResult<Integers<'_>> {
-    array(py, &[places.len()], places.into_iter().map(|place| place as i64))
+    vector(py, places.into_iter().map(|place| place as i64))
 }

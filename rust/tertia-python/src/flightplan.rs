@@ -2,7 +2,7 @@
 
 use crate::arrays::{
     Array, Input, Integers, Marks, Output, Threads, array, columns, for_each_item, release,
-    value_error,
+    value_error, vector,
 };
 use crate::sensors::{IdentityColumns, Named, identities_of, named};
 use pyo3::exceptions::PyValueError;
@@ -64,7 +64,7 @@ impl Route {
         Ok((
             array(py, &[self.waypoints.len(), 2], waypoints)?,
             array(py, &[route.legs()], route.speeds().to_vec())?,
-            array(py, &[self.heights.len()], self.heights.clone())?,
+            vector(py, self.heights.clone())?,
             self.start_time,
             *bank,
             *turn_rate,
@@ -81,15 +81,13 @@ impl Route {
     /// Times over the waypoints.
     #[getter]
     fn times<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let times = self.plan.route.times();
-        array(py, &[times.len()], times.to_vec())
+        vector(py, self.plan.route.times().to_vec())
     }
 
     /// Path distances of the waypoints.
     #[getter]
     fn distances<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let marks = self.plan.route.marks();
-        array(py, &[marks.len()], marks.to_vec())
+        vector(py, self.plan.route.marks().to_vec())
     }
 
     /// Angles, radii, leads and arcs of the turns; their starts, ends and centres.

@@ -1,6 +1,6 @@
 //! Bindings of `tertia::geo`. Latitudes and longitudes are in radians.
 
-use crate::arrays::{Array, Input, Output, array, release};
+use crate::arrays::{Array, Input, Output, array, release, vector};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -192,26 +192,33 @@ pub fn pressure_heights<'py>(
     let [qnh, isa_deviation, undulation] = atmosphere;
     let air = core::Atmosphere { qnh, isa_deviation, undulation };
     let altitude = altitude.numbers("altitude")?;
-    array(py, &[altitude.len()], altitude.iter().map(|&altitude| air.height(altitude)))
+    vector(py, altitude.iter().map(|&altitude| air.height(altitude)))
 }
 
-/// Creates the views of sites, given by latitude, longitude and height, in a plane.
-fn views(sites: &Input<'_>, plane: &Frame) -> PyResult<Vec<View>> {
-    let plane = plane.plane()?;
-    let sites = sites.points::<3>("sites", 1)?;
-    Ok(sites.into_iter().map(|site| View::new(LocalFrame::new(place(site)), plane)).collect())
-}
-
-fn chosen<'a>(
-    sensor: &'a PyReadonlyArray1<'_, i64>,
-    count: usize,
-    sites: usize,
-) -> PyResult<&'a [i64]> {
-    let sensor = sensor.as_slice()?;
-    if sensor.len() == count && sensor.iter().all(|&k| (0..sites as i64).contains(&k)) {
-        return Ok(sensor);
+/// Returns what `work` computes of each plot (N, 3), which also has an index, from the view of its site in the plane;
+/// nan if that is nothing. Sites are given by latitude, longitude and height.
+fn seen<'py, const K: usize>(
+    py: Python<'py>,
+    (sites, plane, sensor): (&Input<'_>, &Frame, &PyReadonlyArray1<'_, i64>),
+    plots: &Input<'_>,
+    work: impl Fn(&View, [f64; 3], usize) -> Option<[f64; K]> + Send + Sync,
+) -> PyResult<Output<'py>> {
+    let (plane, sites) = (plane.plane()?, sites.points::<3>("sites", 1)?);
+    let view = |site| View::new(LocalFrame::new(place(site)), plane);
+    let views: Vec<_> = sites.into_iter().map(view).collect();
+    let (plots, sensor) = (plots.points::<3>("plots", 1)?, sensor.as_slice()?);
+    let is_site = |k: &i64| (0..views.len() as i64).contains(k);
+    if sensor.len() != plots.len() || !sensor.iter().all(is_site) {
+        return Err(PyValueError::new_err("there must be the index of a site for each plot"));
     }
-    Err(PyValueError::new_err("there must be the index of a site for each plot"))
+    let mut out = Output::new(py, &[plots.len()], &[K])?;
+    let rows = out.values()?.as_chunks_mut::<K>().0;
+    release(py, POINT_NS * plots.len() as f64, || {
+        for (i, (row, (plot, &k))) in rows.iter_mut().zip(plots.iter().zip(sensor)).enumerate() {
+            *row = work(&views[k as usize], *plot, i).unwrap_or([f64::NAN; K]);
+        }
+    })?;
+    Ok(out)
 }
 
 /// Converts plots (N, 3) of range, azimuth and height to a system plane: u and v, and their derivatives by
@@ -224,19 +231,11 @@ pub fn plots_in_plane<'py>(
     sensor: PyReadonlyArray1<'py, i64>,
     plots: Input<'py>,
 ) -> PyResult<Output<'py>> {
-    let (views, plots) = (views(&sites, plane)?, plots.points::<3>("plots", 1)?);
-    let sensor = chosen(&sensor, plots.len(), views.len())?;
-    let mut out = Output::new(py, &[plots.len()], &[8])?;
-    let rows = out.values()?.as_chunks_mut::<8>().0;
-    release(py, POINT_NS * plots.len() as f64, || {
-        for ((&[range, azimuth, height], &k), row) in plots.iter().zip(sensor).zip(rows) {
-            *row = views[k as usize].see(range, azimuth, height).map_or([f64::NAN; 8], |seen| {
-                let [[a, b], [c, d], [e, f]] = seen.by;
-                [seen.position[0], seen.position[1], a, b, c, d, e, f]
-            });
-        }
-    })?;
-    Ok(out)
+    seen(py, (&sites, plane, &sensor), &plots, |view, [range, azimuth, height], _| {
+        let seen = view.see(range, azimuth, height)?;
+        let [[a, b], [c, d], [e, f]] = seen.by;
+        Some([seen.position[0], seen.position[1], a, b, c, d, e, f])
+    })
 }
 
 /// Converts plots (N, 3) to the range and azimuth, (N, 2), that radars in a flat plane at their sites would
@@ -250,17 +249,9 @@ pub fn plots_flattened<'py>(
     plots: Input<'py>,
     level: Input<'py>,
 ) -> PyResult<Output<'py>> {
-    let (views, plots) = (views(&sites, plane)?, plots.points::<3>("plots", 1)?);
-    let (sensor, level) = (chosen(&sensor, plots.len(), views.len())?, level.numbers("level")?);
-    if level.len() != plots.len() {
+    let level = level.numbers("level")?;
+    if plots.shape()[..] != [level.len(), 3] {
         return Err(PyValueError::new_err("there must be a level for each plot"));
     }
-    let mut out = Output::new(py, &[plots.len()], &[2])?;
-    let rows = out.values()?.as_chunks_mut::<2>().0;
-    release(py, POINT_NS * plots.len() as f64, || {
-        for (((plot, &k), &level), row) in plots.iter().zip(sensor).zip(&level).zip(rows) {
-            *row = views[k as usize].flattened(*plot, level).unwrap_or([f64::NAN; 2]);
-        }
-    })?;
-    Ok(out)
+    seen(py, (&sites, plane, &sensor), &plots, |view, plot, i| view.flattened(plot, level[i]))
 }

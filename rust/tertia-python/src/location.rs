@@ -8,7 +8,7 @@ pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
 pub use region::{location_radii, location_regions, protection_levels};
 
 use crate::arrays::{
-    Array, Input, Output, Threads, array, choice, columns, optional, release, repeated,
+    Array, Input, Output, Threads, choice, columns, optional, release, repeated, vector,
 };
 use batch::{Batch, size};
 use pyo3::prelude::*;
@@ -148,8 +148,8 @@ pub fn locate<'py>(
         found = located(&adapted)?;
     }
     let still = |wind: Wind| {
-        let values = batch.values.values.iter().copied();
-        Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
+        let values = vector(py, batch.values.values.iter().copied())?;
+        Ok::<_, PyErr>((wind.mean, wind.covariance, values))
     };
     let wind = wind.map(still).transpose()?;
     let redundancy = match batch.count() {

@@ -1,7 +1,7 @@
 //! Bindings of `tertia::screening`.
 
 use crate::arrays::{
-    Array, Input, Integers, Output, Rows, Threads, array, choice, columns, for_each_item, repeated,
+    Array, Input, Integers, Output, Threads, array, choice, columns, for_each_item, repeated,
     unknown, value_error,
 };
 use numpy::PyReadonlyArray1;
@@ -72,14 +72,9 @@ pub fn leave_one_out_mask<'py>(
     let rows = y.samples("y", 3)?;
     let mut outlier = rows.output(py)?;
     let cost = STREAM_NS * rows.size();
-    rows.each(
-        py,
-        cost,
-        n_threads,
-        outlier.rows()?,
-        || (),
-        |(), (_, y), flags| screening::mask(y, k, flags),
-    )?;
+    let mark =
+        |(): &mut (), (_, y): (usize, &[f64]), flags: &mut [bool]| screening::mask(y, k, flags);
+    rows.each(py, cost, n_threads, outlier.rows()?, || (), mark)?;
     Ok(outlier)
 }
 
@@ -103,10 +98,9 @@ pub fn leave_one_out<'py>(
     let direction = choice("direction", direction, &choices)?;
     let rule = LeaveOneOutRule::try_new(k, statistics, direction, replace, passes);
     let rule = rule.map_err(value_error)?;
-    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
+    screen(py, &y, (3, SCREEN_NS), omit, n_threads, Vec::new, |y, outlier, cleaned, scratch| {
         rule.screen(y, outlier, cleaned, scratch)
-    };
-    screen(py, &y, 3, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    })
 }
 
 /// Screens by the k-sigma rule.
@@ -126,10 +120,9 @@ pub fn k_sigma<'py>(
         Some(other) => return Err(unknown("replace", other, "'neighbours', 'mean' or None")),
     };
     let rule = KSigmaRule::try_new(k, replacement).map_err(value_error)?;
-    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], scratch: &mut Vec<f64>| {
+    screen(py, &y, (2, SCREEN_NS), omit, n_threads, Vec::new, |y, outlier, cleaned, scratch| {
         rule.screen(y, outlier, cleaned, scratch)
-    };
-    screen(py, &y, 2, SCREEN_NS, omit, n_threads, Vec::new, kernel)
+    })
 }
 
 /// Detects points and bursts.
@@ -150,11 +143,11 @@ pub fn bursts<'py>(
     let lengths = (min_burst, max_burst);
     let rule = BurstRule::try_new(point_penalty, burst_penalty, lengths, correlation, rounding);
     let rule = rule.map_err(value_error)?;
-    let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
-        rule.screen(y, outlier, cleaned, work)
-    };
     let cost = BURST_NS + LENGTH_NS * max_burst as f64;
-    screen(py, &y, 3, cost, omit, n_threads, BurstWorkspace::default, kernel)
+    let new = BurstWorkspace::default;
+    screen(py, &y, (3, cost), omit, n_threads, new, |y, outlier, cleaned, work| {
+        rule.screen(y, outlier, cleaned, work)
+    })
 }
 
 /// Screens by a moving polynomial. `time` may have one row for all.
@@ -173,10 +166,10 @@ pub fn moving_polynomial<'py>(
     let rule = MovingRule::try_new(window, degree, k, period).map_err(value_error)?;
     let time = time.rows("time", 0)?;
     let cost = MOVING_NS * window as f64;
-    let kernel = |row, y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
+    let new = MovingWorkspace::default;
+    screen_rows(py, &y, (0, cost), n_threads, new, |row, y, outlier, cleaned, work| {
         rule.screen(y, time.shared(row), outlier, cleaned, work)
-    };
-    screen_rows(py, &y, 0, cost, n_threads, MovingWorkspace::default, kernel)
+    })
 }
 
 /// Buffers for samples with missing measurements.
@@ -199,26 +192,25 @@ impl Gaps {
     }
 }
 
-/// Runs a screening kernel over all rows, or over their measurements that are present.
-#[allow(clippy::too_many_arguments)] // what the three callers have in common
+/// Runs a screening kernel, which needs a minimum of measurements and costs some time for each, over all rows, or
+/// over their measurements that are present.
 fn screen<'py, S>(
     py: Python<'py>,
     y: &Input<'py>,
-    minimum: usize,
-    nanoseconds: f64,
+    (minimum, nanoseconds): (usize, f64),
     omit: bool,
     n_threads: Threads,
     state: impl Fn() -> S + Sync + Send,
     kernel: impl Fn(&[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary> + Sync + Send,
 ) -> PyResult<Screened<'py>> {
     if !omit {
-        let kernel = |_, y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], state: &mut S| {
+        let each = (minimum, nanoseconds);
+        return screen_rows(py, y, each, n_threads, state, |_, y, outlier, cleaned, state| {
             kernel(y, outlier, cleaned, state)
-        };
-        return screen_rows(py, y, minimum, nanoseconds, n_threads, state, kernel);
+        });
     }
     let new = || (state(), Gaps::default());
-    screen_rows(py, y, 0, nanoseconds, n_threads, new, |_, y, flags, kept, (state, gaps)| {
+    screen_rows(py, y, (0, nanoseconds), n_threads, new, |_, y, flags, kept, (state, gaps)| {
         gaps.collect(y);
         let Gaps { present, outlier, cleaned } = gaps;
         let found = kernel(present.values(), outlier, cleaned, state)
@@ -233,8 +225,7 @@ fn screen<'py, S>(
 fn screen_rows<'py, S>(
     py: Python<'py>,
     y: &Input<'py>,
-    minimum: usize,
-    nanoseconds: f64,
+    (minimum, nanoseconds): (usize, f64),
     n_threads: Threads,
     state: impl Fn() -> S + Sync + Send,
     kernel: impl Fn(usize, &[f64], &mut [bool], &mut [f64], &mut S) -> tertia::Result<Summary>
@@ -310,8 +301,10 @@ fn one_by_one<'py>(
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let rows = y.samples("y", minimum)?;
     let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
-    let moments = |y: &[f64]| Ok(Some(Moments::of("y", y)?));
-    let others = per_row(py, &rows, None, moments)?;
+    let others = rows.results(py, STREAM_NS * rows.size(), None, None, |_, y, out| {
+        *out = Some(Moments::of("y", y)?);
+        Ok(())
+    })?;
     let mut results = repeated((0.0, 0.0), x.len())?;
     let cost = TAIL_NS * x.len() as f64;
     let items = x.iter().zip(&row).enumerate().zip(&mut results);
@@ -325,29 +318,6 @@ fn one_by_one<'py>(
     Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }
 
-/// Computes one result for every row, in the order of the rows.
-fn per_row<R: Clone + Send>(
-    py: Python<'_>,
-    rows: &Rows<'_>,
-    empty: R,
-    kernel: impl Fn(&[f64]) -> tertia::Result<R> + Sync + Send,
-) -> PyResult<Vec<R>> {
-    let mut results = repeated(empty, rows.count())?;
-    let cost = STREAM_NS * rows.size();
-    rows.each(
-        py,
-        cost,
-        None,
-        results.iter_mut(),
-        || (),
-        |(), (_, y), out| {
-            *out = kernel(y)?;
-            Ok(())
-        },
-    )?;
-    Ok(results)
-}
-
 type Extreme<'py> = (Integers<'py>, Array<'py>, Array<'py>);
 
 /// Index, statistic and p-value of one test per row.
@@ -359,9 +329,10 @@ fn extreme<'py>(
     test: impl Fn(&[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync + Send,
 ) -> PyResult<Extreme<'py>> {
     let rows = y.samples(name, minimum)?;
-    let results = per_row(py, &rows, (0, 0.0, 0.0), |y| {
+    let results = rows.results(py, STREAM_NS * rows.size(), None, (0, 0.0, 0.0), |_, y, out| {
         let (index, result) = test(y)?;
-        Ok((index as i64, result.statistic, result.pvalue))
+        *out = (index as i64, result.statistic, result.pvalue);
+        Ok(())
     })?;
     let index = array(py, rows.batch(), results.iter().map(|r| r.0))?;
     let [statistic, pvalue] = columns(py, rows.batch(), &results, [|r| r.1, |r| r.2])?;

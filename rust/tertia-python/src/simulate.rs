@@ -1,6 +1,8 @@
 //! Bindings of `tertia::simulate`.
 
-use crate::arrays::{Array, Input, Integers, Marks, Threads, array, for_each_item, release};
+use crate::arrays::{
+    Array, Input, Integers, Marks, Threads, array, for_each_item, release, vector,
+};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -282,5 +284,5 @@ pub fn beam_meetings<'py>(
     let found = traffic.with(py, STEP_NS * samples, |traffic| core::meetings(traffic, &beam))?;
     let (flights, times): (Vec<i64>, Vec<f64>) =
         found.into_iter().map(|(flight, time)| (flight as i64, time)).unzip();
-    Ok((array(py, &[flights.len()], flights)?, array(py, &[times.len()], times)?))
+    Ok((vector(py, flights)?, vector(py, times)?))
 }

@@ -12,7 +12,9 @@ pub use settings::{Motion, TrackAssociation, TrackerSettings};
 pub use smooth::{height_offsets, shown_covariances, smooth_tracks};
 pub use table::{TrackColumns, track_columns};
 
-use crate::arrays::{Array, Input, Integers, Threads, array, release, room_for, value_error};
+use crate::arrays::{
+    Array, Input, Integers, Threads, array, release, room_for, value_error, vector,
+};
 use crate::flightplan::Route;
 use crate::sensors::{IdentityColumns, IdentityView, Radar};
 use numpy::PyReadonlyArray1;
@@ -88,14 +90,12 @@ impl PlotTracker {
 
     /// Standard deviations of the differences between the delays of targets, (K,).
     fn delay_sigmas<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let sigmas = self.0.tracker().delay_sigmas();
-        array(py, &[sigmas.len()], sigmas)
+        vector(py, self.0.tracker().delay_sigmas())
     }
 
     /// Returns the numbers of all tracks in ascending order, (T,).
     fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
-        let numbers = self.0.tracker().numbers();
-        array(py, &[numbers.len()], numbers.into_iter().map(|number| number as i64))
+        vector(py, self.0.tracker().numbers().into_iter().map(|number| number as i64))
     }
 
     /// Moves tracks, in ascending order of their numbers, by positions and velocities (M, 4) at these times.
@@ -161,7 +161,7 @@ impl PlotTracker {
         });
         table.put_rows(py, found);
         done?.map_err(value_error)?;
-        array(py, &[tracks.len()], tracks)
+        vector(py, tracks)
     }
 
     /// Sensors whose clocks came into doubt since the last call: their indices, by how many seconds their plots
@@ -184,8 +184,7 @@ impl PlotTracker {
 
     /// Ratio of the noise of each radar to the stated noise.
     fn noise_factor<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let factors: Vec<f64> = self.0.tracker().noise_factors().collect();
-        array(py, &[factors.len()], factors)
+        vector(py, self.0.tracker().noise_factors().collect::<Vec<_>>())
     }
 
     /// Standard deviations of range and azimuth, as last used and as estimated, (K, 2, 2).
@@ -202,7 +201,7 @@ impl PlotTracker {
     ) -> PyResult<(TrackColumns, Integers<'py>)> {
         let mut table = Table::new(false, 0);
         release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads))?;
-        Ok((TrackColumns::new(table), array(py, &[0], Vec::new())?))
+        Ok((TrackColumns::new(table), vector(py, [])?))
     }
 
     /// Numbers of the confirmed tracks, and their positions this number of seconds from now.
@@ -249,9 +248,7 @@ impl PlotTracker {
 
     /// Numbers of the confirmed tracks whose plans are suspended.
     fn suspended_plans<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
-        let suspended: Vec<i64> =
-            self.0.suspended_plans().into_iter().map(|track| track as i64).collect();
-        array(py, &[suspended.len()], suspended)
+        vector(py, self.0.suspended_plans().into_iter().map(|track| track as i64))
     }
 
     /// Returns the complete state of the tracker.

@@ -1,7 +1,7 @@
 //! The fusion centre that is updated step by step.
 
 use super::{POSITIVE, VARIANCE, require_room, rule};
-use crate::arrays::{Array, array, symmetric, value_error};
+use crate::arrays::{Array, array, symmetric, value_error, vector};
 use crate::kalman::{check_period, extract_model, over};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -114,7 +114,7 @@ impl AngleFusion {
     }
 
     fn column<'py>(&self, py: Python<'py>, of: fn(&RadarReport) -> f64) -> PyResult<Array<'py>> {
-        array(py, &[self.reports.len()], self.reports.iter().map(of))
+        vector(py, self.reports.iter().map(of))
     }
 }
 

@@ -1,6 +1,6 @@
 //! The measurements of the instants of a batch.
 
-use crate::arrays::{Input, Rows, Threads, optional, repeated};
+use crate::arrays::{Input, Rows, Threads, optional};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::location::Instant;
@@ -107,10 +107,7 @@ impl<'a> Batch<'a> {
         unknown: T,
         work: impl Fn(usize, &mut T) -> tertia::Result<()> + Sync + Send,
     ) -> PyResult<Vec<T>> {
-        let mut found = repeated(unknown, self.count())?;
-        let cost = nanoseconds * found.len() as f64;
-        let work = |(): &mut (), (row, _): (usize, &[f64]), out: &mut T| work(row, out);
-        self.values.each(py, cost, n_threads, found.iter_mut(), || (), work)?;
-        Ok(found)
+        let cost = nanoseconds * self.count() as f64;
+        self.values.results(py, cost, n_threads, unknown, |row, _, out| work(row, out))
     }
 }

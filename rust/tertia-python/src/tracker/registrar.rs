@@ -1,7 +1,7 @@
 //! Errors of radars, estimated from tables of tracks.
 
 use super::{Columns, TrackColumns, View};
-use crate::arrays::{Array, Input, Integers, array, release};
+use crate::arrays::{Array, Input, Integers, array, release, vector};
 use crate::registration::{same_length, with_deviation};
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
@@ -147,8 +147,7 @@ impl Registrar {
 
     /// Clock errors by which plots are corrected, (K,).
     fn clocks<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        let clocks: Vec<f64> = self.0.taken_out().iter().map(|errors| errors[KINDS - 1]).collect();
-        array(py, &[clocks.len()], clocks)
+        vector(py, self.0.taken_out().iter().map(|errors| errors[KINDS - 1]))
     }
 
     /// Variance of what the remaining errors of the sensors that are radars, (K,), change in the delay of a

@@ -2,7 +2,7 @@
 
 use super::geometry::Geometry;
 use super::settings::Motion;
-use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release};
+use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release, vector};
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
@@ -65,7 +65,7 @@ pub fn smooth_tracks<'py>(
         }
     }
     Ok((
-        array(py, &[rows.len()], rows.iter().map(|track| track.len() as i64))?,
+        vector(py, rows.iter().map(|track| track.len() as i64))?,
         array(py, &[count, NUMBERS], numbers)?,
         array(py, &[count, 4], codes)?,
         array(py, &[count, 2], marks)?,

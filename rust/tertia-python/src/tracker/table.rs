@@ -1,6 +1,6 @@
 //! Tables of tracks as arrays.
 
-use crate::arrays::{Array, Integers, Threads, array};
+use crate::arrays::{Array, Integers, Threads, vector};
 use crate::sensors::{callsign_numbers, callsigns};
 use numpy::{PyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -103,7 +103,7 @@ impl TrackColumns {
         }
         self.put_back(py, "plot", Data::Integers(plot));
         self.put_back(py, "height", Data::Numbers(tracks));
-        array(py, &[filled.len()], filled)
+        vector(py, filled)
     }
 
     /// Removes the rows of tracks that are never confirmed, and gives those of tracks that were resumed
@@ -118,7 +118,7 @@ impl TrackColumns {
         let mut table = self.take_rows(py, true)?;
         table.keep_confirmed(&mut tracks, n_threads);
         self.put_rows(py, table);
-        array(py, &[tracks.len()], tracks)
+        vector(py, tracks)
     }
 
     /// Returns the array of a column, by its index in `track_columns`; it is always the same array.

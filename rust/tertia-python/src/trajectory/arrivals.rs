@@ -1,6 +1,6 @@
 //! Bindings of `tertia::trajectory::arrivals`.
 
-use crate::arrays::{Array, Input, array, release};
+use crate::arrays::{Array, Input, array, release, vector};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::trajectory::arrivals::{
@@ -176,7 +176,6 @@ impl<'py> Solved<'py> {
         for arrival in &scene.rows {
             identity[arrival.emission] = arrival.identity;
         }
-        let vector = |values: Vec<f64>| array(py, &[values.len()], values);
         let table = |values| array(py, &[m, k], values);
         let sites = |values| array(py, &[scene.sites.len(), D], values);
         Ok(Self {
@@ -185,12 +184,12 @@ impl<'py> Solved<'py> {
             emission: scene.rows.iter().map(|arrival| arrival.emission).collect(),
             identity,
             moving: found.moving,
-            time: Some(vector(found.time)?),
-            time_sigma: Some(vector(found.time_sigma)?),
+            time: Some(vector(py, found.time)?),
+            time_sigma: Some(vector(py, found.time_sigma)?),
             mean: Some(array(py, &[n, states], found.mean)?),
             covariance: Some(array(py, &[n, states, states], found.covariance)?),
-            residual: Some(vector(found.residual)?),
-            node: Some(vector(found.node)?),
+            residual: Some(vector(py, found.residual)?),
+            node: Some(vector(py, found.node)?),
             clock: Some([
                 table(found.clock)?,
                 table(found.clock_variance)?,
