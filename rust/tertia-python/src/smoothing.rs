@@ -163,14 +163,7 @@ fn without_repeats<'a>(
 /// Result of a track that is not smoothed yet.
 fn unsmoothed() -> (Summary, NoiseFit) {
     let motion = ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
-    let noise = NoiseFit {
-        motion,
-        correlation_time: 0.0,
-        noise_factor: 1.0,
-        velocity_noise_factor: 1.0,
-        velocity_time_offset: 0.0,
-    };
-    (Summary { log_likelihood: 0.0, count: 0 }, noise)
+    (Summary { log_likelihood: 0.0, count: 0 }, NoiseFit::as_stated(motion))
 }
 
 /// Log-likelihoods, counts, and the estimates of motion and noise.

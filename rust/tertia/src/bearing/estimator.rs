@@ -165,16 +165,14 @@ impl Estimator {
     /// Whether the measurements that are kept may be noise all around, without any direction.
     fn is_undirected(&self, workspace: &mut Workspace, outlier: &[bool]) -> bool {
         let Some(period) = self.period else { return false };
-        let Workspace { angle, scratch, .. } = workspace;
-        scratch.clear();
-        scratch.extend(angle.iter().zip(outlier).filter(|(_, flag)| !**flag).map(|(v, _)| v));
         let is_wide = |m: Moments| m.variance() > (NARROW * period).powi(2);
-        if !Moments::of("theta", scratch).is_ok_and(is_wide) {
+        if !workspace.keep(outlier).is_ok_and(is_wide) {
             return false;
         }
-        let turns = scratch.iter().map(|v| (v * TAU / period).sin_cos());
+        let kept = &workspace.scratch;
+        let turns = kept.iter().map(|v| (v * TAU / period).sin_cos());
         let (sine, cosine) = turns.fold((0.0, 0.0), |(s, c), (sin, cos)| (s + sin, c + cos));
-        sine * sine + cosine * cosine < DIRECTED * scratch.len() as f64
+        sine * sine + cosine * cosine < DIRECTED * kept.len() as f64
     }
 
     /// Returns the estimate of a method other than the robust one: a given correlation increases sigma,
@@ -185,15 +183,12 @@ impl Estimator {
         workspace: &mut Workspace,
         outlier: &[bool],
     ) -> Estimate {
-        let Workspace { angle, scratch, .. } = workspace;
         let correlation = match self.method {
             Method::Paper(_) => 0.0,
             _ => self.correlation.unwrap_or(0.0),
         };
         let sigma = sigma * ((1.0 + correlation) / (1.0 - correlation)).sqrt();
-        scratch.clear();
-        scratch.extend(angle.iter().zip(outlier).filter(|(_, flag)| !**flag).map(|(v, _)| v));
-        let variance = Moments::of("theta", scratch).map_or(f64::NAN, |m| m.variance());
+        let variance = workspace.keep(outlier).map_or(f64::NAN, |m| m.variance());
         Estimate {
             value,
             sigma,

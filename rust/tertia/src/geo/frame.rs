@@ -158,12 +158,14 @@ mod tests {
         ];
         let mut state = given;
         source.transform(&target, &mut state);
-        for i in 0..9 {
-            assert!((state[i] - expected[i]).abs() < 1e-8, "{i}: {}", state[i]);
-        }
+        assert_near(1e-8, &state, &expected);
         target.transform(&source, &mut state);
+        assert_near(1e-8, &state, &given);
+    }
+
+    fn assert_near(tolerance: f64, found: &[f64; 9], expected: &[f64; 9]) {
         for i in 0..9 {
-            assert!((state[i] - given[i]).abs() < 1e-8, "{i}: {}", state[i]);
+            assert!((found[i] - expected[i]).abs() < tolerance, "{i}: {}", found[i]);
         }
     }
 
@@ -190,9 +192,7 @@ mod tests {
         }
         let mut again = state;
         target.transform(&source, &mut again);
-        for i in 0..9 {
-            assert!((again[i] - given[i]).abs() < 1e-7, "{i}: {}", again[i]);
-        }
+        assert_near(1e-7, &again, &given);
         let covariance: [f64; 81] = std::array::from_fn(|k| if k % 10 == 0 { 4.0 } else { 0.0 });
         let mut moved = covariance;
         Frame::transform_covariance(&turn, &mut moved);

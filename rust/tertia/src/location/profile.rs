@@ -11,7 +11,7 @@ use super::descent::Loss;
 use super::growth::LIMIT;
 use super::minimum::Minimum;
 use super::search::{Search, position};
-use crate::base::small::{Factor, Matrix, Vector, add, add_outer, dot, longest, norm};
+use crate::base::small::{Factor, Matrix, Vector, add_outer, dot, longest, norm};
 
 /// Standard deviations above this fraction of the distance to the nearest station are not small: the
 /// linear covariance is 3 % too small at 0.14, and right at 0.06.
@@ -61,11 +61,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
                 reach = reach.max(self.reach(minimum, &axis, sigma, unit).ok_or(Unbounded)?);
             }
             let more = (reach * reach / LIMIT[D - 2] - variance).max(0.0);
-            let outer = |by: f64| -> Matrix<D> {
-                std::array::from_fn(|i| std::array::from_fn(|j| by * axis[i] * axis[j]))
-            };
-            add(&mut found, &outer(more));
-            add(&mut rest, &outer(-variance));
+            add_outer(&mut found, more, &axis);
+            add_outer(&mut rest, -variance, &axis);
             curved = true;
         }
         Ok(curved.then_some(found))

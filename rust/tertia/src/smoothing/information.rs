@@ -6,7 +6,7 @@
 //! variance. Forwards `[R F^-1 G, R F^-1; I, 0]`, backwards `[R G, R F; I, 0]` is triangularised, and w is
 //! eliminated (Bierman 1977, chapter 6).
 
-use super::motion::ProcessNoise;
+use super::motion::{ProcessNoise, turn_row};
 use super::rows::{reduce, reflect, triangularise};
 use super::seen::{Quantity, Seen};
 use super::track::Track;
@@ -95,13 +95,7 @@ impl Information {
         }
         let back = sign * t;
         let half = 0.5 * t * t;
-        let moved = |row: &mut [f64]| {
-            for axis in 0..d {
-                let (p, v) = (row[axis], row[d + axis]);
-                row[2 * d + axis] += back * v + half * p;
-                row[d + axis] += back * p;
-            }
-        };
+        let moved = |row: &mut [f64]| turn_row(d, row, back, half);
         if motion.is_certain() {
             self.rows.chunks_exact_mut(width).for_each(moved);
             return;

@@ -157,6 +157,16 @@ pub(super) fn advance_row<const N: usize>(d: usize, row: &mut [f64; N], t: f64, 
     }
 }
 
+/// `F' λ`
+#[inline(always)]
+pub(super) fn turn_row(d: usize, row: &mut [f64], t: f64, half: f64) {
+    for i in 0..d {
+        let (p, v) = (row[i], row[d + i]);
+        row[2 * d + i] += t * v + half * p;
+        row[d + i] += t * p;
+    }
+}
+
 /// `F' λ` and `F' Λ F` for D axes, not yet made symmetric; other components do not change.
 #[inline(always)]
 pub(super) fn turn_back<const N: usize>(
@@ -166,16 +176,9 @@ pub(super) fn turn_back<const N: usize>(
     big: Option<&mut Square<N>>,
 ) {
     let half = 0.5 * t * t;
-    let turn = |row: &mut [f64; N]| {
-        for i in 0..d {
-            let (p, v) = (row[i], row[d + i]);
-            row[2 * d + i] += t * v + half * p;
-            row[d + i] += t * p;
-        }
-    };
-    turn(l);
+    turn_row(d, l, t, half);
     let Some(big) = big else { return };
-    big.iter_mut().for_each(turn);
+    big.iter_mut().for_each(|row| turn_row(d, row, t, half));
     for i in 0..d {
         for c in 0..N {
             let (p, v) = (big[i][c], big[d + i][c]);

@@ -66,6 +66,15 @@ pub struct NoiseFit {
     pub velocity_time_offset: f64,
 }
 
+impl NoiseFit {
+    /// Noise as stated, with this motion.
+    pub fn as_stated(motion: ProcessNoiseFit) -> Self {
+        let (noise_factor, velocity_noise_factor) = (1.0, 1.0);
+        let (correlation_time, velocity_time_offset) = (0.0, 0.0);
+        Self { motion, correlation_time, noise_factor, velocity_noise_factor, velocity_time_offset }
+    }
+}
+
 /// Smooths a track; `outlier` (N, 1 or 2) marks the positions, and velocities, that are left out. If the
 /// noise is as stated, the result is that of [`smooth`]. Cost O(N D³): about 15 filters, or hundreds if the
 /// innovations are suspicious. The summary is that for the noise as stated.
@@ -103,13 +112,7 @@ pub fn smooth_with_noise(
         if options.jerk.is_none() {
             add_other_family(track, &fit, summary.log_likelihood, workspace, out);
         }
-        NoiseFit {
-            motion: fit,
-            correlation_time: 0.0,
-            noise_factor: 1.0,
-            velocity_noise_factor: 1.0,
-            velocity_time_offset: 0.0,
-        }
+        NoiseFit::as_stated(fit)
     });
     (summary, noise)
 }
