@@ -1,6 +1,7 @@
 //! Gates: the largest distance of a plot from its prediction, and the sectors of a gate.
 
 use super::grid::{FINITE, Grid};
+use crate::base::angle::upper_median;
 use crate::base::distribution::chi_square_upper_quantile;
 use crate::base::error::{Error, Result, require, require_elements, require_positive};
 use crate::base::interrupt::poll;
@@ -329,8 +330,7 @@ fn cell(half_widths: &[[f64; 2]]) -> f64 {
     if widths.is_empty() {
         return 1.0;
     }
-    let middle = widths.len() / 2;
-    2.0 * *widths.select_nth_unstable_by(middle, f64::total_cmp).1
+    2.0 * upper_median(&mut widths)
 }
 
 fn read_points<const M: usize>(argument: &'static str, values: &[f64]) -> Result<Vec<[f64; M]>> {

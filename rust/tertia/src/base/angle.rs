@@ -33,6 +33,12 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     below + 0.5 * (upper - below)
 }
 
+/// Median; for an even number of values, the larger of the two middle ones. O(N); `values` is reordered.
+pub(crate) fn upper_median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
 /// Returns an error unless sums of whole periods remain finite.
 ///
 /// # Errors

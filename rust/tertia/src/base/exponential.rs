@@ -65,6 +65,17 @@ const ARTANH: [f64; 10] = [
 ];
 const LANES: usize = 8;
 
+/// Replaces the logarithms of weights by the weights, the largest of which is 1; returns their sum.
+pub(crate) fn exponentials<T>(list: &mut [T], logarithm: impl Fn(&mut T) -> &mut f64) -> f64 {
+    let highest = list.iter_mut().map(|own| *logarithm(own)).fold(f64::NEG_INFINITY, f64::max);
+    let mut sum = 0.0;
+    for weight in list.iter_mut().map(logarithm) {
+        *weight = (*weight - highest).exp();
+        sum += *weight;
+    }
+    sum
+}
+
 /// `ln x` to a few units in the last place for any x from the smallest normal number on, with the same bits
 /// on every processor; infinity and nan remain. With `x = 2^k m`, m between √½ and √2, and
 /// `r = (m − 1)/(m + 1)`, it is `k ln 2 + 2 artanh r`.

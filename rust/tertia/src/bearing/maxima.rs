@@ -1,7 +1,7 @@
 //! The likelihood of a centre for measurements whose noise is stated, and its maxima.
 
 use crate::base::angle::median;
-use crate::base::exponential::exp;
+use crate::base::exponential::{exp, exponentials};
 use crate::base::interrupt::poll;
 use pulp::{Simd, WithSimd};
 
@@ -173,8 +173,7 @@ impl Sample {
                 modes.push(mode);
             }
         }
-        let highest = modes.iter().map(|m| m.weight).fold(f64::NEG_INFINITY, f64::max);
-        modes.iter_mut().for_each(|m| m.weight = (m.weight - highest).exp());
+        exponentials(&mut modes, |m| &mut m.weight);
         modes.retain(|m| m.weight >= LEAST_WEIGHT);
         let total: f64 = modes.iter().map(|m| m.weight).sum();
         modes.iter_mut().for_each(|m| m.weight /= total);

@@ -6,6 +6,7 @@ use crate::base::angle::median;
 use crate::base::distribution::{normal_two_sided, two_sigma};
 use crate::base::effects::{log_prior, taus};
 use crate::base::error::{Error, Result};
+use crate::base::exponential::exponentials;
 use crate::base::matrix::{Square, factorise_sum, invert, zeros};
 use crate::weights::COVARIANCES;
 use nalgebra::allocator::Allocator;
@@ -71,12 +72,7 @@ where
             let term = self.term(x, s, &shape, values[j], prior)?;
             self.terms.push(term);
         }
-        let highest = self.terms.iter().map(|t| t.log_weight).fold(f64::NEG_INFINITY, f64::max);
-        let mut sum = 0.0;
-        for term in &mut self.terms {
-            term.log_weight = (term.log_weight - highest).exp();
-            sum += term.log_weight;
-        }
+        let sum = exponentials(&mut self.terms, |term| &mut term.log_weight);
         let shares: Vec<f64> = self.terms.iter().map(|term| term.log_weight / sum).collect();
         self.mix(&shares, s.len());
         let tau: f64 = shares.iter().zip(&values).map(|(w, tau)| w * tau).sum();

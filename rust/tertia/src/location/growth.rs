@@ -12,6 +12,7 @@
 //! `P(φ = 1)` is .5, and the growth is the factor of P itself.
 
 use crate::base::distribution::chi_square_upper;
+use crate::base::exponential::exponentials;
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
@@ -105,12 +106,7 @@ static SIZES: LazyLock<[Size; STEPS]> = LazyLock::new(|| {
 /// Returns the factor with which the ellipse contains 95 % of a mixture of factors, each with the logarithm
 /// of its weight.
 pub(super) fn containing<const D: usize>(terms: &mut [(f64, f64)]) -> f64 {
-    let highest = terms.iter().fold(f64::NEG_INFINITY, |highest, term| highest.max(term.1));
-    let mut sum = 0.0;
-    for term in &mut *terms {
-        term.1 = (term.1 - highest).exp();
-        sum += term.1;
-    }
+    let sum = exponentials(terms, |term| &mut term.1);
     let mut counting = 0;
     for at in 0..terms.len() {
         if terms[at].1 > LEAST_WEIGHT * sum {

@@ -1,6 +1,7 @@
 //! Estimation of how long errors last.
 
 use crate::base::error::{Result, require};
+use crate::base::exponential::exponentials;
 
 /// Assumed shares of the variance that are correlated; the rest is new in each row.
 const SHARES: [f64; 8] = [0.05, 0.12, 0.22, 0.35, 0.5, 0.7, 0.9, 1.0];
@@ -82,10 +83,8 @@ pub fn lasting(errors: &[f64], axes: usize, gaps: &[f64]) -> Result<Lasting> {
         }
         length *= RATIO;
     }
-    let best = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = ln_weights.iter().map(|ln_weight| (ln_weight - best).exp()).collect();
-    let total: f64 = weights.iter().sum();
-    let probability = weights.iter().map(|weight| weight / total).collect();
+    let total = exponentials(&mut ln_weights, |weight| weight);
+    let probability = ln_weights.iter().map(|weight| weight / total).collect();
     Ok(Lasting { probability, rows_per_value })
 }
 

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
 use super::mirror::Mirror;
 use super::tukey::TUKEY;
-use crate::base::angle::nearest;
+use crate::base::angle::{nearest, upper_median};
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
 use crate::sensors::{KINDS, Kind};
@@ -103,9 +103,7 @@ impl Fixes {
             }
             let is_open = |t: &usize| self.fixes[*t].status == Status::Ambiguous;
             let open: Vec<usize> = (0..record.len()).filter(is_open).collect();
-            let own: Vec<f64> =
-                open.iter().flat_map(|t| &values[t * width..][..width]).copied().collect();
-            self.relocate_as::<D>(record, &open, &own, factor);
+            self.relocate_as::<D>(record, &open, &rows(values, &open, width), factor);
         }
     }
 
@@ -124,10 +122,8 @@ impl Fixes {
             }
             let still: Vec<usize> =
                 (0..open.len()).filter(|&at| !self.is_located(open[at])).collect();
-            let own: Vec<f64> =
-                still.iter().flat_map(|at| &medians[at * width..][..width]).copied().collect();
             let instants: Vec<usize> = still.iter().map(|&at| open[at]).collect();
-            self.relocate_as::<D>(record, &instants, &own, factor);
+            self.relocate_as::<D>(record, &instants, &rows(medians, &still, width), factor);
         }
     }
 
@@ -185,9 +181,7 @@ impl Fixes {
                 }
             }
         }
-        for (at, &t) in open.iter().enumerate() {
-            self.take::<D>(t, &best, at, width);
-        }
+        self.take_all::<D>(open, &best, width);
     }
 
     /// Cost of the residuals of an instant; infinite if it has no position.
@@ -238,9 +232,7 @@ impl Fixes {
         let sigmas: Vec<f64> =
             open.iter().flat_map(|&t| record.sigmas_at(t)).map(|sigma| factor * sigma).collect();
         new.fill::<D>(record, open, values, &sigmas, None, REDUNDANCY);
-        for (at, &t) in open.iter().enumerate() {
-            self.take::<D>(t, &new, at, width);
-        }
+        self.take_all::<D>(open, &new, width);
     }
 
     /// Locates these instants with searches from these positions.
@@ -253,12 +245,16 @@ impl Fixes {
     ) {
         let width = record.width();
         let mut new = Self::empty(open.len(), width, D);
-        let own: Vec<f64> =
-            open.iter().flat_map(|&t| &values[t * width..][..width]).copied().collect();
         let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
+        let own = rows(values, open, width);
         new.fill::<D>(record, open, &own, &sigmas, Some(initial), REDUNDANCY);
+        self.take_all::<D>(open, &new, width);
+    }
+
+    /// Copies the instants of `other` to these instants.
+    fn take_all<const D: usize>(&mut self, open: &[usize], other: &Self, width: usize) {
         for (at, &t) in open.iter().enumerate() {
-            self.take::<D>(t, &new, at, width);
+            self.take::<D>(t, other, at, width);
         }
     }
 
@@ -389,6 +385,11 @@ fn anywhere<const D: usize>(stations: &[f64], values: &[f64]) -> Option<(f64, f6
     (D > 2 && alone).then(|| (mean(), ANYWHERE))
 }
 
+/// Returns some rows of a table of this width.
+fn rows(table: &[f64], some: &[usize], width: usize) -> Vec<f64> {
+    some.iter().flat_map(|row| &table[row * width..][..width]).copied().collect()
+}
+
 fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
     to[t * size..][..size].copy_from_slice(&from[at * size..][..size]);
 }
@@ -447,8 +448,7 @@ fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f
         if gaps.is_empty() {
             continue;
         }
-        let middle = gaps.len() / 2;
-        let longest = *gaps.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let longest = upper_median(&mut gaps);
         for (own, &t) in medians.iter_mut().skip(column).step_by(width).zip(open) {
             let after = known.partition_point(|&at| at < t);
             let around = after.saturating_sub(1)..(after + 1).min(known.len());
@@ -460,8 +460,7 @@ fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f
             let centre = value(known[at]);
             let of = |t: &usize| if turns { nearest(value(*t), centre, TAU) } else { value(*t) };
             let mut near: Vec<f64> = known[first..last].iter().map(of).collect();
-            let middle = near.len() / 2;
-            *own = *near.select_nth_unstable_by(middle, f64::total_cmp).1;
+            *own = upper_median(&mut near);
         }
         // the first station is at 0
         let Some(other) = reference.filter(|&other| references[other] != Some(other)) else {

@@ -6,6 +6,7 @@
 use super::contradictions::{Blocks, Kernel, Point, Sums};
 use super::measured::Record;
 use super::prior::Prior;
+use crate::base::exponential::exponentials;
 use crate::sensors::KINDS;
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -222,8 +223,7 @@ impl<'a> Grid<'a> {
     /// Returns the points that matter, with their probabilities and the growth of the noise.
     pub fn weighed(&self) -> Vec<Weighed> {
         let mut points = self.searched();
-        let top = points.iter().map(|one| one.probability).fold(f64::NEG_INFINITY, f64::max);
-        points.iter_mut().for_each(|one| one.probability = (one.probability - top).exp());
+        exponentials(&mut points, |one| &mut one.probability);
         points.retain(|one| one.probability > UNLIKELY);
         let total: f64 = points.iter().map(|one| one.probability).sum();
         points.iter_mut().for_each(|one| one.probability /= total);

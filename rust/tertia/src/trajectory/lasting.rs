@@ -17,6 +17,7 @@ use super::grid::{CERTAIN, Grid, Weighed};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
+use crate::base::angle::upper_median;
 use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use nalgebra::{DMatrix, DVector};
@@ -391,8 +392,7 @@ fn lasting(record: &Record<'_>, instants: f64) -> f64 {
     let mut times: Vec<f64> = (count..record.len())
         .map(|t| (record.time[t] - record.time[t - count]) * instants / count as f64)
         .collect();
-    let middle = times.len() / 2;
-    *times.select_nth_unstable_by(middle, f64::total_cmp).1
+    upper_median(&mut times)
 }
 
 /// Returns the errors in these columns that measurements are corrected for: 0 except for clocks, which are

@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::path::Path;
+use crate::base::exponential::exponentials;
 use crate::smoothing::{Family, Part, Track};
 use nalgebra::SMatrix;
 
@@ -58,9 +59,8 @@ fn average<const N: usize>(paths: &[(Path, f64)], best: &Path) -> Vec<f64> {
         return best.covariance.clone();
     }
     let value = |(path, rise): &(Path, f64)| path.summary.log_likelihood + PRIOR * rise;
-    let top = paths.iter().map(value).fold(f64::NEG_INFINITY, f64::max);
-    let share: Vec<f64> = paths.iter().map(|path| (value(path) - top).exp()).collect();
-    let total: f64 = share.iter().sum();
+    let mut share: Vec<f64> = paths.iter().map(value).collect();
+    let total = exponentials(&mut share, |share| share);
     let mut mixed = best.covariance.clone();
     for (t, own) in mixed.chunks_exact_mut(N * N).enumerate() {
         if own.iter().any(|v| !v.is_finite()) {

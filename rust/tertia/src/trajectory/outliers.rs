@@ -9,6 +9,7 @@ use super::found::{Found, Setting};
 use super::measured::{Measured, REDUNDANCY, Record};
 use super::mixture::{Compared, Mixture, trust_of};
 use super::tukey::{MEDIAN_ERROR, chance};
+use crate::base::angle::upper_median;
 use crate::base::distribution::normal_two_sided_quantile;
 use crate::sensors::Kind;
 use std::rc::Rc;
@@ -290,8 +291,7 @@ fn variance_of(sizes: &mut [f64]) -> f64 {
     if sizes.is_empty() {
         return 0.0;
     }
-    let at = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(at, f64::total_cmp).1;
+    let median = upper_median(sizes);
     let margin = 1.0 + chance() * MEDIAN_ERROR * (RUNNING as f64 / sizes.len() as f64).sqrt();
     let size = median / normal_two_sided_quantile(0.5) / margin;
     (size * size - OF_MEDIANS).max(0.0)
