@@ -257,6 +257,22 @@ def probability(value: Any, name: str) -> float:
     return number
 
 
+def not_negative(value: Any, name: str) -> float:
+    """Return `value` as a float, finite and not negative."""
+    number = real(value, name)
+    if not 0.0 <= number < np.inf:
+        raise ValueError(f"{name} is {number}; it must be 0 or positive, and finite")
+    return number
+
+
+def choice(value: Any, name: str, allowed: Iterable[str]) -> None:
+    """Raise an error unless `value` is one of these texts."""
+    *others, last = allowed
+    if not isinstance(value, str) or value not in {*others, last}:
+        named = ", ".join(map(repr, others))
+        raise ValueError(f"{name} is {value!r}; it must be {named} or {last!r}")
+
+
 def instance(value: Any, name: str, *kinds: type) -> None:
     """Raise an error unless `value` is of one of these types."""
     if not isinstance(value, kinds):
@@ -289,8 +305,7 @@ def threads(n_threads: int | None) -> int | None:
 
 def omits(nan_policy: NanPolicy) -> bool:
     """Return whether this `nan_policy` gives nan the meaning 'no measurement'."""
-    if not isinstance(nan_policy, str) or nan_policy not in {"raise", "omit"}:
-        raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
+    choice(nan_policy, "nan_policy", ("raise", "omit"))
     return nan_policy == "omit"
 
 

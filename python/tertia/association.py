@@ -20,6 +20,7 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
+    choice,
     common_batch,
     diagonal,
     finite,
@@ -449,10 +450,8 @@ def associate(
     >>> result.plot_of_track
     array([1, 0])
     """
-    if score not in ("likelihood", "paper"):
-        raise ValueError(f"score is {score!r}; it must be 'likelihood' or 'paper'")
-    if method not in ("gnn", "nearest"):
-        raise ValueError(f"method is {method!r}; it must be 'gnn' or 'nearest'")
+    choice(score, "score", ("likelihood", "paper"))
+    choice(method, "method", ("gnn", "nearest"))
     likelihood = None
     if score == "likelihood":
         if clutter_density is None:

@@ -27,6 +27,7 @@ from tertia._arrays import (
     finite,
     flag,
     integer,
+    not_negative,
     real,
     samples,
     scalar_or_array,
@@ -507,9 +508,7 @@ def smooth(
 def _correlation_time(correlation_time: float | None, dimension: int) -> float | None:
     if correlation_time is None:
         return None
-    value = real(correlation_time, "correlation_time")
-    if not 0 <= value < np.inf:
-        raise ValueError(f"correlation_time is {value}; it must be a number that is not negative")
+    value = not_negative(correlation_time, "correlation_time")
     if value > 0 and dimension > _MOST_AXES:
         raise ValueError(f"y has {dimension} axes; with a correlation_time it must have up to 3")
     return value

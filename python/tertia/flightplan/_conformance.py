@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, IntArray, instance, real
+from tertia._arrays import BoolArray, FloatArray, IntArray, instance, not_negative
 from tertia._result import Result
 from tertia.flightplan._plan import FlightPlan
 from tertia.flightplan._tracks import one_track
@@ -209,7 +209,5 @@ def estimate_times_over(
     """
     instance(plan, "plan", FlightPlan)
     track, interval = one_track(time, position, velocity, covariance, update_interval)
-    walk = real(speed_change_sigma, "speed_change_sigma")
-    if not 0 <= walk < np.inf:
-        raise ValueError(f"speed_change_sigma is {walk}; it must be finite and not negative")
+    walk = not_negative(speed_change_sigma, "speed_change_sigma")
     return TimesOver(*_core.times_over(plan._route, track, interval, walk))

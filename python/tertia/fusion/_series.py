@@ -14,6 +14,7 @@ from tertia._arrays import (
     BoolArray,
     FloatArray,
     Systematic,
+    choice,
     finite,
     real,
     require_between,
@@ -43,7 +44,6 @@ FusionMethod: TypeAlias = Literal[
 ]
 
 Outage: TypeAlias = Literal["excluded", "printed"]
-_OUTAGES = get_args(Outage)
 # share of the plots of a radar from which on they are no single outliers, and least number of plots
 _MOST, _FEWEST = 0.5, 10
 
@@ -367,8 +367,7 @@ def _doubt_radars(outlier: BoolArray, there: BoolArray) -> None:
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
     """Raise an error if options of "paper" are wrong, or given with another method."""
-    if outage not in _OUTAGES:
-        raise ValueError(f"outage is {outage!r}; it must be 'excluded' or 'printed'")
+    choice(outage, "outage", get_args(Outage))
     if third_filter is not None:
         _require_model(third_filter)
     if method != "paper" and (outage != "excluded" or third_filter is not None):

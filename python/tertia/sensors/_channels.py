@@ -10,7 +10,15 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import IntArray, array_of, instance, positive_number, probability, real
+from tertia._arrays import (
+    IntArray,
+    array_of,
+    instance,
+    not_negative,
+    positive_number,
+    probability,
+    real,
+)
 from tertia.sensors._kinds import angle_sigma
 
 ChannelName: TypeAlias = Literal["psr", "ssr", "mode-s"]
@@ -84,11 +92,9 @@ class Channel:
             stated = real(azimuth_sigma, "azimuth_sigma")
             radians = angle_sigma(stated, "azimuth_sigma", degrees=degrees)
             angle = narrow(positive_number(radians, "azimuth_sigma"))
-        false = None
-        if clutter_per_scan is not None:
-            false = real(clutter_per_scan, "clutter_per_scan")
-            if not 0.0 <= false < np.inf:
-                raise ValueError(f"clutter_per_scan is {false:g}; it must be 0 or positive")
+        false = clutter_per_scan
+        if false is not None:
+            false = not_negative(false, "clutter_per_scan")
         object.__setattr__(self, "detection_probability", detected)
         object.__setattr__(self, "range_sigma", distance)
         object.__setattr__(self, "azimuth_sigma", angle)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray, IntArray, positive, real
+from tertia._arrays import FloatArray, IntArray, not_negative, positive, real
 from tertia.fusion import FusedSeries, FusionMethod
 from tertia.fusion import fuse_series as fuse_arrays
 from tertia.kalman import SingerModel
@@ -272,10 +272,7 @@ def _of_biases(bias_sigma: float | Mapping[str, float]) -> dict[str | None, floa
     each = bias_sigma if isinstance(bias_sigma, Mapping) else {None: bias_sigma}
     given: dict[str | None, float] = {}
     for name, value in each.items():
-        sigma = real(value, "bias_sigma")
-        if not 0 <= sigma < np.inf:
-            whose = "bias_sigma" if name is None else f"bias_sigma of {name}"
-            raise ValueError(f"{whose} is {sigma}; it must be a number that is not negative")
+        sigma = not_negative(value, "bias_sigma" if name is None else f"bias_sigma of {name}")
         if sigma > 0:
             given[name] = sigma
     return given

@@ -11,7 +11,7 @@ import polars as pl
 
 from tertia import _core
 from tertia import weights as weighting
-from tertia._arrays import FloatArray, real
+from tertia._arrays import FloatArray, not_negative
 from tertia.fusion import FusedEstimate, fuse
 from tertia.fusion._estimates import allowing_for
 from tertia.tables._doubts import doubt
@@ -120,9 +120,7 @@ def weights_of(
     """Return the weights and the loss from estimating them, as described in `weights`."""
     if not _LOSSES[0] <= loss <= _LOSSES[1]:
         raise ValueError(f"loss is {loss:g}; it must be between {_LOSSES[0]:g} and {_LOSSES[1]:g}")
-    bias = real(bias_sigma, "bias_sigma")
-    if not 0.0 <= bias < np.inf:
-        raise ValueError(f"bias_sigma is {bias}; it must be a number that is not negative")
+    bias = not_negative(bias_sigma, "bias_sigma")
     components = as_names(values)
     samples = _samples(source, columns, components)
     counts = [len(sample) for sample in samples.values()]

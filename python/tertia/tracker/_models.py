@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import finite, flag, integer, positive, real
+from tertia._arrays import finite, flag, integer, not_negative, positive, real
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
 from tertia.sensors._channels import CHANNELS, sigmas_of
@@ -186,9 +186,7 @@ class PlanModel:
         air = finite(wind, "wind")
         if air.shape != (2,):
             raise ValueError(f"wind has shape {air.shape}; it must be (2,): east and north")
-        sigma = float(finite(real(wind_sigma, "wind_sigma"), "wind_sigma"))
-        if sigma < 0.0:
-            raise ValueError(f"wind_sigma is {sigma}; it must be 0 or positive")
+        sigma = not_negative(wind_sigma, "wind_sigma")
         object.__setattr__(self, "flown_probability", probability)
         object.__setattr__(self, "wind", (float(air[0]), float(air[1])))
         object.__setattr__(self, "wind_sigma", sigma)
@@ -225,10 +223,7 @@ class Mht:
         """Check the numbers."""
         for name in ("max_hypotheses", "scans"):
             object.__setattr__(self, name, integer(getattr(self, name), name, 1))
-        cut = float(finite(real(self.cut, "cut"), "cut"))
-        if cut < 0.0:
-            raise ValueError(f"cut is {cut}; it must be 0 or positive")
-        object.__setattr__(self, "cut", cut)
+        object.__setattr__(self, "cut", not_negative(self.cut, "cut"))
 
 
 class Profile(NamedTuple):

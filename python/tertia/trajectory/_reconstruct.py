@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import (
     FloatArray,
+    choice,
     finite,
     instance,
     instants_of,
@@ -560,9 +561,7 @@ def require_options(
     """Raise an error for options of `reconstruct` that are wrong whatever the measurements are."""
     chosen = {"order": (order, Order), "spatial": (spatial, Spatial)}
     for name, (value, allowed) in {**chosen, "smoother": (smoother, Smoother)}.items():
-        if value not in get_args(allowed):
-            choices = " or ".join(map(repr, get_args(allowed)))
-            raise ValueError(f"{name} is {value!r}; it must be {choices}")
+        choice(value, name, get_args(allowed))
     if smoother == "local-polynomial":
         # an empty series: the window and degree are judged alone
         local_polynomial(np.empty(0), window, degree, max_degree=0)

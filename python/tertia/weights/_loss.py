@@ -13,6 +13,7 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
+    choice,
     diagonal,
     generator,
     integer,
@@ -134,9 +135,7 @@ def fusion_loss(
     FusionLoss(15.16%, first-order)
     """
     s = samples(covariances, "covariances")
-    if method not in ("auto", "first-order", "monte-carlo"):
-        choices = "'auto', 'first-order' or 'monte-carlo'"
-        raise ValueError(f"method is {method!r}; it must be {choices}")
+    choice(method, "method", ("auto", "first-order", "monte-carlo"))
     trials = integer(trials, "trials", 2)
     # also where it is not used, for it checks everything
     first = _core.weigh("excess", s, threads(n_threads), n=counts(n), convention=convention)
@@ -220,8 +219,7 @@ def required_samples(
     bound, trials = real(loss, "loss"), integer(trials, "trials", 2)
     if not 1e-6 <= bound <= 1e6:
         raise ValueError(f"loss is {bound}; it must be between 1e-6 and 1e6")
-    if method not in ("first-order", "monte-carlo"):
-        raise ValueError(f"method is {method!r}; it must be 'first-order' or 'monte-carlo'")
+    choice(method, "method", ("first-order", "monte-carlo"))
     seed = int(generator(rng).integers(2**63))
     both = _core.weigh("excess", s, threads(n_threads), n=LARGEST_N, convention=convention)
     per_factor = _trace(both[..., 1, :, :]) / _trace(both[..., 0, :, :])
