@@ -61,6 +61,14 @@ def covariances(m, *batch, seed=0, size=1.0):
     return root @ transposed(root) / (3 * m + 3)
 
 
+def correlated(noise, correlation):
+    """Make white noise correlated along its second axis, in place, with the same variance."""
+    fresh = np.sqrt(1 - correlation**2)
+    for i in range(1, noise.shape[1]):
+        noise[:, i] = correlation * noise[:, i - 1] + fresh * noise[:, i]
+    return noise
+
+
 def spoilt(array, value, *place):
     """A copy with another value at a place."""
     array = array.copy()

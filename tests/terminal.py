@@ -91,6 +91,16 @@ def table(out: str) -> list[list[str]]:
     return [row for row in rows if len(row) > 1]
 
 
+def covariance_of(frame: pl.DataFrame, axes: Sequence[str]) -> npt.NDArray[np.float64]:
+    """Return the covariances of positions in a table, (N, D, D)."""
+    covariance = np.zeros((len(frame), len(axes), len(axes)))
+    for i, a in enumerate(axes):
+        covariance[:, i, i] = frame[f"{a}_sigma_m"].to_numpy() ** 2
+        for j, b in enumerate(axes[:i]):
+            covariance[:, i, j] = covariance[:, j, i] = frame[f"covariance_{b}_{a}_m2"].to_numpy()
+    return covariance
+
+
 def assert_column(found: pl.Series, expected: npt.ArrayLike) -> None:
     """Check a column to the last bit; it is null where the number is unknown."""
     numbers = np.asarray(expected, dtype=np.float64)

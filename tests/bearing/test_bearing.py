@@ -3,6 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from bearing.scenes import CLEAN, METHODS, record
 from checks import assert_batch_is_loop, assert_refused, assert_threads, close, rng
 from reference import bearing as reference
 from tolerances import PARITY, PARITY_WITH_OFFSET, VECTOR
@@ -11,7 +12,6 @@ from tertia import estimate_bearing
 from tertia.screening import critical_value
 from tertia.simulate import direction_finder
 
-METHODS = ["robust", "corrected", "paper", "k-sigma", "mean"]
 BURST = np.ravel(
     [
         [10.3, 9.1, 10.8, 9.7, 10.5, 19.0, 9.4, 10.1, 11.2, 9.9, 8.8, 10.6, 14.2, 13.1, 14.9],
@@ -28,7 +28,6 @@ BLOCKS = np.ravel(
         [9.9, 10.6, 9.7, 10.3],
     ]
 )
-CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
 RECORDS = [(n, seed) for n in (12, 30, 47, 100, 203) for seed in range(8)]
 
 
@@ -43,10 +42,6 @@ def limit(test, size, significance=0.05):
         "student": reference.student_factor(size, significance),
     }
     return words.get(test, test)
-
-
-def record(n, seed, **options):
-    return direction_finder(n, bearing=50.0, period=None, rng=seed, **options).theta
 
 
 def turned(angle, period=360.0):

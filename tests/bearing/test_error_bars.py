@@ -2,18 +2,12 @@
 
 import numpy as np
 import pytest
+from bearing.scenes import CLEAN, METHODS, record
+from checks import correlated
 from scipy import stats
 
 from tertia import estimate_bearing
 from tertia.screening import critical_value
-from tertia.simulate import direction_finder
-
-METHODS = ["robust", "corrected", "paper", "k-sigma", "mean"]
-CLEAN = {"single_probability": 0.0, "bursts_per_100": 0.0}
-
-
-def record(n, seed, **options):
-    return direction_finder(n, bearing=50.0, period=None, rng=seed, **options).theta
 
 
 def quantised(n, seed, sigma, true, trials=1000):
@@ -93,10 +87,7 @@ class TestContamination:
 
 
 def autoregressive(count, n, phi, seed):
-    noise = np.random.default_rng(seed).normal(size=(count, n))
-    for t in range(1, n):
-        noise[:, t] = phi * noise[:, t - 1] + np.sqrt(1 - phi**2) * noise[:, t]
-    return noise
+    return correlated(np.random.default_rng(seed).normal(size=(count, n)), phi)
 
 
 class TestCorrelation:

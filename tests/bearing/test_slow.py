@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import correlated
 from reference import bearing as reference
 from tolerances import PARITY
 
@@ -52,9 +53,7 @@ def test_the_error_bar_allows_for_flicker(n):
 def wandering(n, count, *, time, ratio, seed=1):
     """White noise of unit variance, and a Gauss-Markov process of this time in steps."""
     rng, phi = np.random.default_rng([seed, n]), np.exp(-1 / time)
-    slow = rng.normal(size=(count, n))
-    for i in range(1, n):
-        slow[:, i] = phi * slow[:, i - 1] + np.sqrt(1 - phi**2) * slow[:, i]
+    slow = correlated(rng.normal(size=(count, n)), phi)
     return ratio * slow + rng.normal(size=(count, n))
 
 

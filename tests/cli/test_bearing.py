@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 import pytest
 from matplotlib.figure import Figure
+from places import DATA, EXAMPLES
 from terminal import run
 
 import tertia
@@ -22,9 +23,8 @@ from tertia.cli.commands import bearing
 from tertia.cli.files import read
 from tertia.cli.files import write as writing
 
-ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples" / "bearings.csv"
-DIFAR = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data")) / "difar/bearings.csv"
+EXAMPLE = EXAMPLES / "bearings.csv"
+DIFAR = DATA / "difar/bearings.csv"
 MIN_COUNT = 5
 METHODS = ["robust", "corrected", "paper", "k-sigma", "mean"]
 
@@ -166,7 +166,7 @@ def test_a_stated_sigma(write: Callable[..., Path], tmp_path: Path, suffix: str)
 
 
 def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
-    script = runpy.run_path(str(ROOT / "examples" / "make_bearings.py"))
+    script = runpy.run_path(str(EXAMPLES / "make_bearings.py"))
     header, *lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     assert header == "time_s,target,azimuth_deg"
     assert [tuple(line.split(",")) for line in lines] == list(script["rows"]())

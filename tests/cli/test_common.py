@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import EXAMPLES
 from rich.file_proxy import FileProxy
 from terminal import run, succeed
 from typer.testing import CliRunner
@@ -16,7 +17,6 @@ from typer.testing import CliRunner
 from tertia import cli
 from tertia.cli.files import write as writing
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 PLOTS = (EXAMPLES / "air_plots.csv", "--sensors", EXAMPLES / "air_radars.toml")
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 import pytest
+from places import DATA, EXAMPLES
 from terminal import indicators, run
 
 import tertia
@@ -19,9 +20,6 @@ from tertia.location import Station, locate
 from tertia.tracker import Plots, Radar, track
 from tertia.trajectory import reconstruct
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
-DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
 # how a table is written in each format, by others
 WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
     ".csv": lambda table, path: table.write_csv(path),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
+from places import EXAMPLES
 from terminal import Write, assert_column
 
 from tertia import metrics, simulate
@@ -21,8 +22,7 @@ from tertia.fusion import FusedSeries, FusionMethod, fuse_series
 from tertia.kalman import SingerModel, fit_noise
 from tertia.tables import _noise
 
-ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples" / "radars.csv"
+EXAMPLE = EXAMPLES / "radars.csv"
 MODEL = SingerModel(2.0, 0.05, 0.01, exact=True)
 MOTION = ("--alpha", MODEL.alpha, "--acceleration-sigma", MODEL.acceleration_sigma)
 SENSORS = ("A", "B")
@@ -487,7 +487,7 @@ def test_what_a_sensor_tells_of_the_motion_is_the_error_of_its_acceleration() ->
 
 
 def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
-    script = runpy.run_path(str(ROOT / "examples" / "make_radars.py"))
+    script = runpy.run_path(str(EXAMPLES / "make_radars.py"))
     header, *rows = EXAMPLE.read_text(encoding="utf-8").splitlines()
     assert header == "time_s,sensor,azimuth_deg"
     assert [tuple(line.split(",")) for line in rows] == list(script["rows"]())

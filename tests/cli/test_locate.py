@@ -13,8 +13,9 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
+from places import EXAMPLES
 from pyproj import Geod
-from terminal import Write, assert_column, table
+from terminal import Write, assert_column, covariance_of, table
 
 from tertia import metrics, simulate
 from tertia.cli.files import write as writing
@@ -25,8 +26,6 @@ from tertia.tables import _sensors
 run = partial(terminal.run, "locate")
 positions = partial(terminal.result, "locate")
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 NAN = float("nan")
 AXES = ("east", "north", "up")
 KINDS = {"range": "m", "azimuth": "deg", "elevation": "deg", "range_difference": "m"}
@@ -918,12 +917,7 @@ def test_a_recording_without_faults_is_as_accurate_as_it_says(
     values = {kind: v / UNIT[kind] for kind, v in found.items()}
     frame = positions(write(wide(values)), S, stations, folder=tmp_path)
     error = frame.select("east_m", "north_m", "up_m").to_numpy() - truth()
-    covariance = np.zeros((STEPS, 3, 3))
-    for i, a in enumerate(AXES):
-        covariance[:, i, i] = frame[f"{a}_sigma_m"].to_numpy() ** 2
-        for j, b in enumerate(AXES[:i]):
-            covariance[:, i, j] = covariance[:, j, i] = frame[f"covariance_{b}_{a}_m2"].to_numpy()
-    assert 0.7 < np.mean(np.asarray(metrics.nees(error, covariance))) / 3 < 1.4
+    assert 0.7 < np.mean(np.asarray(metrics.nees(error, covariance_of(frame, AXES)))) / 3 < 1.4
 
 
 def test_a_height_on_the_earth_is_above_the_ellipsoid(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 import pytest
+from places import EXAMPLES
 from terminal import Write, run, succeed
 
 from tertia.cli.files import maps
@@ -16,7 +17,6 @@ from tertia.cli.files import maps
 pyproj = pytest.importorskip("pyproj")
 pytest.importorskip("simplekml")
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 NAMES = {
     "kml": "http://www.opengis.net/kml/2.2",
     "gx": "http://www.google.com/kml/ext/2.2",

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 import pytest
+from places import ROOT
 from terminal import run, succeed
-
-ROOT = Path(__file__).parents[2]
 
 
 class Command(NamedTuple):

@@ -11,8 +11,9 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
+from places import EXAMPLES, ROOT
 from pyproj import Geod
-from terminal import Write, assert_column, table
+from terminal import Write, assert_column, covariance_of, table
 from trajectory import test_ranges
 
 from tertia import metrics, simulate
@@ -24,8 +25,6 @@ from tertia.trajectory import Trajectory, reconstruct
 run = partial(terminal.run, "reconstruct")
 track = partial(terminal.result, "reconstruct")
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 EXAMPLE = (EXAMPLES / "measurements.csv", "--sensors", EXAMPLES / "stations.toml")
 NAN = float("nan")
 AXES = ("east", "north", "up")
@@ -374,13 +373,8 @@ def test_example_finds_the_faults_and_the_misaligned_station(tmp_path: Path) -> 
     assert outlier_measurement["time_s"].is_between(30, 36).all()
     truth = script["truth"]()
     error = frame.select("east_m", "north_m", "up_m").to_numpy() - truth
-    covariance = np.zeros((len(frame), 3, 3))
-    for i, a in enumerate(AXES):
-        covariance[:, i, i] = frame[f"{a}_sigma_m"].to_numpy() ** 2
-        for j, b in enumerate(AXES[:i]):
-            covariance[:, i, j] = covariance[:, j, i] = frame[f"covariance_{b}_{a}_m2"].to_numpy()
     # one trajectory only: errors are correlated, so the mean may be off by this
-    assert 0.4 < np.mean(np.asarray(metrics.nees(error, covariance))) / 3 < 1.8
+    assert 0.4 < np.mean(np.asarray(metrics.nees(error, covariance_of(frame, AXES)))) / 3 < 1.8
     velocity = frame.select("velocity_east_m_s", "velocity_north_m_s").to_numpy()
     sigma_v = frame.select("velocity_east_sigma_m_s", "velocity_north_sigma_m_s").to_numpy()
     z = (velocity - np.gradient(truth[:, :2], axis=0))[2:-2] / sigma_v[2:-2]

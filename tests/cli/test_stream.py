@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from places import DATA
 from terminal import Run, run
 
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable
 
-ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
 LEBL = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
 COMMAND = [sys.executable, "-c", "from tertia.cli import main; main()", "track", "--stream"]
 HEAD = "time_s,sensor,range_m,azimuth_deg,height_m,identity"

@@ -4,7 +4,6 @@ import datetime
 import inspect
 import io
 import json
-import os
 import re
 import runpy
 from functools import partial
@@ -16,6 +15,7 @@ import numpy.typing as npt
 import polars as pl
 import pytest
 import terminal
+from places import DATA, EXAMPLES
 from terminal import Run, Write, assert_column, table
 
 from tertia import metrics, plot
@@ -24,10 +24,7 @@ from tertia.cli.files.limits import read_limits
 from tertia.flightplan import CorrelationStatus, FlightPlan
 from tertia.tracker import PlanModel, Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 EXAMPLE = (EXAMPLES / "air_plots.csv", "--sensors", EXAMPLES / "air_radars.toml")
-DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
 LEBL = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
 HEAD = "time_s,sensor,range_m,azimuth_deg,height_m,identity"
 NAN = float("nan")
@@ -784,7 +781,7 @@ def test_wrong_limits(write: Write, truth: Path, line: str, text: str) -> None:
 
 @pytest.mark.parametrize("name", ["limits_3nm.toml", "limits_5nm.toml"])
 def test_limits_of_the_examples_are_read(name: str) -> None:
-    found = read_limits(Path(__file__).parents[2] / "examples" / name)
+    found = read_limits(EXAMPLES / name)
     judged = {"probability_of_update", "long_gap_ratio", "rmse", "large_error_ratio"}
     judged |= {f"probability_of_{one}_update" for one in ("height", "identity")}
     judged |= {f"wrong_{one}_ratio" for one in ("height", "identity")} | {"pair_time_offset"}

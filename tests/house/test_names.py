@@ -5,13 +5,12 @@ import inspect
 import pkgutil
 import re
 import runpy
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 import tertia
 
-ROOT = Path(__file__).parents[2]
 PAGES = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
 VOCABULARY = (ROOT / "docs" / "vocabulary.md").read_text(encoding="utf-8")
 SOURCES = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "python").rglob("*.py*"))

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).parents[2]
 KEPT = Path(__file__).parent / "tables"
 TABLE = re.compile(r"<!-- table: (.+?) -->\n")
 NUMBER = re.compile(r"[-+−]?\d*\.?\d+(?:e[-+]?\d+)?")

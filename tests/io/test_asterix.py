@@ -1,7 +1,6 @@
 """ASTERIX: what a decoder written from the documents finds, and clear errors."""
 
 import contextlib
-import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import polars as pl
 import polars.testing
 import pytest
+from places import DATA
 from reference import asterix as reference
 from typer.testing import CliRunner
 
@@ -19,7 +19,6 @@ from tertia.tracker import Plots, Radar, track
 
 pytest.importorskip("dpkt")
 
-DATA = Path(os.environ.get("TERTIA_DATA", Path(__file__).parents[2] / "shared" / "data"))
 JAHORINA, NETWORK = (DATA / "asterix" / name for name in ("Jahorina.raw", "cat_034_048.pcap"))
 real = pytest.mark.skipif(not JAHORINA.is_file(), reason="the recordings are not here")
 RADAR = (25, 12)

@@ -37,6 +37,13 @@ def plots(*shape, seed=0):
     return 100 * start + 2 * rate * step + turn * np.sin(step / 5) + noise
 
 
+def root_of(q):
+    """A square root of a covariance that may be singular."""
+    scale = np.sqrt(np.where(np.diagonal(q) > 0, np.diagonal(q), 1))
+    values, axes = np.linalg.eigh(q / np.outer(scale, scale))
+    return scale[:, np.newaxis] * axes * np.sqrt(np.maximum(values, 0))
+
+
 def simulated(model, count, dt, r=R, *, start=None, seed=0):
     """States of targets that move as the model says, from anywhere or from a prior, and plots."""
     random = rng(seed)
@@ -44,10 +51,7 @@ def simulated(model, count, dt, r=R, *, start=None, seed=0):
     x = random.multivariate_normal(*(start or (mean, covariance)), count, method="eigh")
     states = [x]
     for f, q in zip(*map(reference.as_floats, reference.transitions(model, dt)), strict=True):
-        scale = np.sqrt(np.where(np.diagonal(q) > 0, np.diagonal(q), 1))
-        values, axes = np.linalg.eigh(q / np.outer(scale, scale))
-        root = scale[:, np.newaxis] * axes * np.sqrt(np.maximum(values, 0))
-        x = x @ f.T + random.normal(size=x.shape) @ root.T
+        x = x @ f.T + random.normal(size=x.shape) @ root_of(q).T
         states.append(x)
     truth = np.stack(states, axis=1)
     return truth, truth[..., 0] + np.sqrt(r) * random.normal(size=truth.shape[:2])

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from checks import INF, NAN, rng
-from kalman.scenes import EXACT, R, relative, simulated
+from kalman.scenes import EXACT, R, relative, root_of, simulated
 from scipy import stats
 from tolerances import CHANCE
 
@@ -32,11 +32,7 @@ def random_recording(seed):
 
     @cache
     def step(interval):
-        q = model.process_noise(interval)
-        scale = np.sqrt(np.where(np.diagonal(q) > 0, np.diagonal(q), 1))
-        values, axes = np.linalg.eigh(q / np.outer(scale, scale))
-        root = scale[:, np.newaxis] * axes * np.sqrt(np.maximum(values, 0))
-        return model.transition(interval), root
+        return model.transition(interval), root_of(model.process_noise(interval))
 
     for interval in [0.0, *dt]:
         transition, root = step(interval)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import smoothing as reference
 from scipy import optimize
-from smoothing.scenes import assert_close, covariances, gaps, series
+from smoothing.scenes import assert_close, assert_parity, covariances, gaps, series
 from tolerances import CHANCE, TRACK
 
 from tertia import metrics
@@ -43,18 +43,7 @@ class TestTrack:
         found = smooth(y, covariance, time=times, jerk=q, initial=initial)
         mean, matrix, innovation, likelihood = reference.smooth(y, covariance, times, q, initial)
         self.assert_valid(found)
-        sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
-        known = np.isfinite(sigma)
-        np.testing.assert_array_equal(np.isfinite(found.sigma), known)
-        np.testing.assert_array_equal(np.isnan(found.mean), ~known)
-        unit = np.where(known, sigma, 1.0)
-        assert np.max(np.abs(found.mean - mean)[known] / sigma[known], initial=0) <= TRACK
-        both = known[:, :, np.newaxis] & known[:, np.newaxis, :]
-        difference = np.where(both, found.covariance, 0) - np.where(both, matrix, 0)
-        scale = unit[:, :, np.newaxis] * unit[:, np.newaxis, :]
-        assert np.max(np.abs(difference) / scale, initial=0) <= TRACK
-        assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
-        assert found.count == np.count_nonzero(~np.isnan(innovation)) or initial is None
+        assert_parity(found, mean, matrix, innovation, initial)
         other = 3 * q + 0.1
         apart = smooth(y, covariance, time=times, jerk=other, initial=initial).log_likelihood
         expected = reference.smooth(y, covariance, times, other, initial)[3] - likelihood

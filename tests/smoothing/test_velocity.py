@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from checks import INF, NAN, in_region, rng
 from reference import smoothing as reference
-from smoothing.scenes import assert_close, covariances, gaps
-from tolerances import TRACK
+from smoothing.scenes import assert_parity, covariances, gaps
 
 from tertia import metrics
 from tertia.smoothing import smooth
@@ -31,18 +30,7 @@ def check(y, velocity, times, q, initial=None):
     mean, matrix, innovation, _ = reference.smooth(
         np.hstack([y, velocity]), joint, times, q, initial, axes=d
     )
-    sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
-    known = np.isfinite(sigma)
-    np.testing.assert_array_equal(np.isfinite(found.sigma), known)
-    np.testing.assert_array_equal(np.isnan(found.mean), ~known)
-    assert np.max(np.abs(found.mean - mean)[known] / sigma[known], initial=0) <= TRACK
-    both = known[:, :, np.newaxis] & known[:, np.newaxis, :]
-    unit = np.where(known, sigma, 1.0)
-    difference = np.where(both, found.covariance, 0) - np.where(both, matrix, 0)
-    scale = unit[:, :, np.newaxis] * unit[:, np.newaxis, :]
-    assert np.max(np.abs(difference) / scale, initial=0) <= TRACK
-    assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
-    assert found.count == np.count_nonzero(~np.isnan(innovation)) or initial is None
+    assert_parity(found, mean, matrix, innovation, initial)
     assert found.position.shape == found.velocity.shape == (n, d)
     return found
 

@@ -2,12 +2,12 @@
 
 import pickle
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import polars.testing
 import pytest
+from places import EXAMPLES
 from typer.testing import CliRunner
 
 import tertia
@@ -19,7 +19,6 @@ from tertia.tracker import Radar
 pd = pytest.importorskip("pandas")
 pa = pytest.importorskip("pyarrow")
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 KINDS = {
     "polars": lambda frame: frame,
     "pandas": lambda frame: frame.to_pandas(),

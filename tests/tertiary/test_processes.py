@@ -1,14 +1,14 @@
 """Trackers in processes of their own, and a centre."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 
 from tertia.tertiary import SystemTracks
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "two_trackers_one_centre.py"
+EXAMPLE = EXAMPLES / "two_trackers_one_centre.py"
 
 
 @pytest.fixture

@@ -13,6 +13,13 @@ def polar(position):
     return np.hypot(*position.T), np.arctan2(*position.T)
 
 
+def predicted(mean, covariance, t, density):
+    """A state of nearly constant velocity, and its covariance, after a time."""
+    f = np.eye(4) + t * np.eye(4, k=2)
+    noise = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * density
+    return f @ mean, f @ covariance @ f.T + np.kron(noise, np.eye(2))
+
+
 def turning_flight(steps=60, period=4.0, speed=150.0, rate=0.035):
     """A flight that turns in the middle third: times, positions, velocities."""
     fine = 100

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from checks import assert_refused, in_region
+from tracker.flights import predicted
 
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.metrics import nees
@@ -68,9 +69,7 @@ def test_azimuths_update_a_track_as_an_extended_kalman_filter():
     compared = 0
     for row, time in rows[1:]:
         t, last = time - last, time
-        f = np.eye(4) + t * np.eye(4, k=2)
-        q = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * SIGMA**2 * PACE
-        mean, covariance = f @ mean, f @ covariance @ f.T + np.kron(q, np.eye(2))
+        mean, covariance = predicted(mean, covariance, t, SIGMA**2 * PACE)
         now = plots[plots.time == time]
         if now.sensor[0] == 1:
             d = mean[:2] - CAMERA.position

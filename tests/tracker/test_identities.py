@@ -1,19 +1,16 @@
 """Identities by their kinds: which of them decides, what tracks know of them, what is refused."""
 
-import os
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import DATA
 from tracker.flights import RADAR, noisy
 
 from tertia.flightplan import CorrelationStatus, FlightPlan
 from tertia.tracker import COLUMNS, Plots, Tracker, smooth_tracks, track
 
-ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
 LEBL = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
 SCANS = 60
 TIME = 4.0 * np.arange(SCANS)

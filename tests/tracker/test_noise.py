@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import correlated
 from tracker.flights import RADAR, noisy, polar
 
 from tertia import metrics, simulate
@@ -23,9 +24,7 @@ def scene(noise=1.0, correlation=0.0, seed=1, targets=TARGETS):
         start = np.array([15e3 + 12e3 * (k % 4), 20e3 + 15e3 * (k // 4)])
         position = start + np.outer(time, 60.0 * np.array([np.sin(course), np.cos(course)]))
         distance, azimuth = polar(position)
-        error = rng.standard_normal((2, SCANS))
-        for i in range(1, SCANS):
-            error[:, i] = correlation * error[:, i - 1] + np.sqrt(1 - correlation**2) * error[:, i]
+        error = correlated(rng.standard_normal((2, SCANS)), correlation)
         distance = distance + noise * RADAR.range_sigma * error[0]
         azimuth = azimuth + noise * RADAR.azimuth_sigma * error[1]
         parts.append((time, distance, azimuth, np.full(SCANS, k), position))

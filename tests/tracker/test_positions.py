@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from checks import assert_refused, in_region
+from tracker.flights import predicted
 
 from tertia import simulate
 from tertia.metrics import nees
@@ -88,9 +89,7 @@ def who_knows_all(traffic, sensors, plots, target):
         states, matrices, last = [], [], plots.time[rows[0]]
         for row in rows[1:]:
             t, last = plots.time[row] - last, plots.time[row]
-            f = np.eye(4) + t * np.eye(4, k=2)
-            noise = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * SIGMA**2 * PACE
-            mean, covariance = f @ mean, f @ covariance @ f.T + np.kron(noise, np.eye(2))
+            mean, covariance = predicted(mean, covariance, t, SIGMA**2 * PACE)
             gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + r[row])
             mean = mean + gain @ (z[row] - mean[:2])
             covariance = covariance - gain @ covariance[:2]

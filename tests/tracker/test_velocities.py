@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checks import in_region
+from tracker.flights import predicted
 from tracker.test_positions import DURATION, PACE, SETTLED, SIGMA, reports, rms
 
 from tertia import simulate
@@ -49,9 +50,7 @@ def known(traffic, plots, target):
         states, matrices, last = [], [], plots.time[rows[0]]
         for row in rows:
             t, last = plots.time[row] - last, plots.time[row]
-            f = np.eye(4) + t * np.eye(4, k=2)
-            noise = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * SIGMA**2 * PACE
-            mean, covariance = f @ mean, f @ covariance @ f.T + np.kron(noise, np.eye(2))
+            mean, covariance = predicted(mean, covariance, t, SIGMA**2 * PACE)
             r = np.zeros((4, 4))
             r[:2, :2], r[2:, 2:] = plots.covariance[row], plots.velocity_covariance[row]
             gain = covariance @ np.linalg.inv(covariance + r)

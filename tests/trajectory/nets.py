@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from checks import correlated
 
 from tertia.sensors import Station
 from tertia.trajectory import Arrivals, ArrivalTrajectory, reconstruct_arrivals
@@ -61,9 +62,7 @@ def net(
     clock = offset + rate * time[:, np.newaxis]
     travel = np.linalg.norm(source[:, np.newaxis] - place, axis=-1) / speed
     error = noise * rng.standard_normal(travel.shape)
-    own = error.reshape(len(names), emissions, k)
-    for i in range(1, emissions):
-        own[:, i] = lasting * own[:, i - 1] + np.sqrt(1 - lasting**2) * own[:, i]
+    correlated(error.reshape(len(names), emissions, k), lasting)
     error += np.where(rng.random(travel.shape) < late, 30 * noise, 0.0)
     row, sensor = np.nonzero(rng.random(travel.shape) < heard)
     reading = (time[:, np.newaxis] + travel + clock + error)[row, sensor]

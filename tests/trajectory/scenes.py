@@ -24,6 +24,16 @@ def network(places=PLACES, range_sigma=SIGMA_R):
     ]
 
 
+def ring(rng, count, *, radius, speed, spread):
+    """Return places of stations around a slow turn, and its positions at `INSTANTS`."""
+    angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    places = radius * np.column_stack([np.sin(angle), np.cos(angle)])
+    course = rng.uniform(0, 2 * np.pi) + 0.01 * INSTANTS
+    path = np.cumsum(speed * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    path += rng.uniform(-spread, spread, 2) - path.mean(axis=0)
+    return places, path
+
+
 def turn(times, rate=0.02, speed=15.0):
     """Return a smooth turn: positions, velocities and accelerations."""
     phase = rate * times

@@ -3,28 +3,25 @@
 import numpy as np
 import pytest
 from checks import in_region
+from trajectory.scenes import INSTANTS as TIME
+from trajectory.scenes import ring
 
 from tertia.location import Station
 from tertia.trajectory import reconstruct
 
 SIGMA, COUNT = 10.0, 6
-TIME = np.arange(60.0)
 
 
-def ring(rng, count):
+def ranging(rng, count):
     """Return places of stations around a path, the path, and ranges with noise."""
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    places = 2500.0 * np.column_stack([np.sin(turn), np.cos(turn)])
-    course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
-    path = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
-    path += rng.uniform(-600, 600, 2) - path.mean(axis=0)
+    places, path = ring(rng, count, radius=2500.0, speed=20.0, spread=600.0)
     ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
     return places, path, ranges + SIGMA * rng.standard_normal(ranges.shape)
 
 
 def run(seed, error=0.0, begin=0, count=COUNT):
     """Return a path, and its errors, of which one station is wrong from an instant on."""
-    places, path, ranges = ring(np.random.default_rng([12, seed]), count)
+    places, path, ranges = ranging(np.random.default_rng([12, seed]), count)
     ranges[begin:, 0] += error
     track = reconstruct([Station(p, range_sigma=SIGMA) for p in places], TIME, range=ranges)
     return track, track.position - path

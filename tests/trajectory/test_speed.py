@@ -5,24 +5,21 @@ import polars as pl
 import pytest
 from checks import in_region
 from scipy import stats
+from trajectory.scenes import INSTANTS as TIME
+from trajectory.scenes import ring
 
 from tertia import tables
 from tertia.location import Station
 from tertia.trajectory import reconstruct
 
 SOUND, ERROR, SIGMA = 340.0, 0.015, 0.005
-TIME = np.arange(60.0)
 KINDS = ("arrival_time", "range")
 
 
 def scene(seed):
     """Return stations, a path, the travel times, and the speed of sound."""
     rng = np.random.default_rng([77, seed])
-    turn = 2 * np.pi * (np.arange(6) + rng.uniform(-0.3, 0.3, 6)) / 6
-    places = 400.0 * np.column_stack([np.sin(turn), np.cos(turn)])
-    course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
-    path = np.cumsum(3.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
-    path += rng.uniform(-150, 150, 2) - path.mean(axis=0)
+    places, path = ring(rng, 6, radius=400.0, speed=3.0, spread=150.0)
     speed = SOUND * (1 + ERROR * rng.standard_normal())
     travel = np.linalg.norm(path[:, np.newaxis] - places, axis=-1) / speed
     return places, path, travel + SIGMA * rng.standard_normal(travel.shape), speed
