@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, ClassVar
@@ -9,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-_AXES = ("east", "north", "up")
+AXES = ("east", "north", "up")
 # vectors with an axis per coordinate: how their columns begin, and their unit
 _VECTORS = {
     "position": ("", "m"),
@@ -173,10 +174,10 @@ def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, 
     shape = array.shape[1:]
     if not shape:
         yield f"{name}_{_UNITS[name]}" if name in _UNITS else name, array
-    elif name in _VECTORS and len(shape) == 1 and shape[0] <= len(_AXES):
+    elif name in _VECTORS and len(shape) == 1 and shape[0] <= len(AXES):
         prefix, unit = _VECTORS[name]
         for k in range(shape[0]):
-            yield f"{prefix}{_AXES[k]}_{unit}", array[:, k]
+            yield f"{prefix}{AXES[k]}_{unit}", array[:, k]
     elif name == "covariance" and axes:
         yield from _covariance(array, axes)
     else:
@@ -187,14 +188,26 @@ def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, 
 
 def _covariance(array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
     """Yield the sigmas and covariances of a state, except those of its accelerations."""
-    state = [
-        (f"{prefix}{axis}", unit) for prefix, unit in _VECTORS.values() for axis in _AXES[:axes]
-    ]
-    for i, (name, unit) in enumerate(state[: array.shape[-1]]):
+    between = covariance_names(axes, array.shape[-1])
+    for i, (name, unit) in enumerate(state_names(axes, array.shape[-1])):
         yield f"{name}_sigma_{unit}", np.sqrt(array[:, i, i])
-        for j, (other, its) in enumerate(state[:i]):
-            if (its, unit) in _PRODUCTS:
-                yield f"covariance_{other}_{name}_{_PRODUCTS[its, unit]}", array[:, j, i]
+        yield from ((between[j, i], array[:, j, i]) for j in range(i) if (j, i) in between)
+
+
+def state_names(axes: int, count: int) -> list[tuple[str, str]]:
+    """Return the names and units of the first components of a state in so many dimensions."""
+    vectors = _VECTORS.values()
+    return [(f"{prefix}{axis}", unit) for prefix, unit in vectors for axis in AXES[:axes]][:count]
+
+
+def covariance_names(axes: int, count: int) -> dict[tuple[int, int], str]:
+    """Return the columns of covariances between two components, except with accelerations."""
+    state = enumerate(state_names(axes, count))
+    return {
+        (i, j): f"covariance_{first}_{second}_{_PRODUCTS[unit, other]}"
+        for (i, (first, unit)), (j, (second, other)) in itertools.combinations(state, 2)
+        if (unit, other) in _PRODUCTS
+    }
 
 
 def counted(number: int | np.signedinteger[Any], noun: str) -> str:

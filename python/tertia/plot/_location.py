@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, finite, flag
+from tertia._result import AXES
 from tertia.location import Accuracy, Location
 from tertia.location._readers import checked
 from tertia.plot._axes import (
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 _CIRCLE_POINTS = 361
 _LEVELS = 12
-_AXES = ("east", "north", "up")
 
 
 def location(
@@ -110,7 +110,7 @@ def location(
     ax.plot(*result.position[:2], color=RESULT, marker="*", markersize=10, label=label)
     for ring in result.region(probability).polygon if known else ():
         ax.plot(*np.concatenate([ring, ring[:1]]).T, color=RESULT)
-    each = zip(_AXES, result.position, result.sigma, strict=False)
+    each = zip(AXES, result.position, result.sigma, strict=False)
     # heights that azimuths alone do not determine are nan
     parts = [f"{name} {with_sigmas([x], [s])} m" for name, x, s in each if not np.isnan(x)]
     ax.set_title(", ".join(parts))

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray, positive_number, real
+from tertia._result import AXES, covariance_names
 from tertia.geo import LocalFrame
 from tertia.metrics import Audit, Indicator, Truth
 from tertia.metrics import audit as audit_errors
@@ -22,7 +23,6 @@ from tertia.tables._records import Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock, kind_of_times
 
-_AXES = ("east", "north", "up")
 _TURN = 360.0
 # if the truth has no velocity for more than this share of the estimates, no time offset is
 # estimated
@@ -46,11 +46,8 @@ _TIME = Field("time", {"time_s": 1.0})
 _NAME = Field("name", {"target": 1.0, "track": 1.0, "icao24": 1.0})
 _PLACES: Schema = {name: number(name) for name in (*LOCAL, *GEODETIC)}
 _SIGMAS: Schema = {
-    **{f"{axis}_sigma_m": number(f"{axis}_sigma_m") for axis in _AXES},
-    **{
-        f"covariance_{one}_{other}_m2": number(f"covariance_{one}_{other}_m2")
-        for one, other in (("east", "north"), ("east", "up"), ("north", "up"))
-    },
+    **{f"{axis}_sigma_m": number(f"{axis}_sigma_m") for axis in AXES},
+    **{name: number(name) for name in covariance_names(3, 3).values()},
     "position_sigma_m": number("position_sigma_m"),
 }
 ESTIMATES: Schema = {
@@ -517,7 +514,7 @@ def _axes(records: Records, prefix: str) -> int:
 
 
 def _has_sigmas(records: Records, axes: int) -> bool:
-    each = all(f"{axis}_sigma_m" in records.column for axis in _AXES[:axes])
+    each = all(f"{axis}_sigma_m" in records.column for axis in AXES[:axes])
     return each or "position_sigma_m" in records.column
 
 
@@ -526,17 +523,16 @@ def _covariance(records: Records, axes: int) -> FloatArray:
     rows = records.rows
     if not _has_sigmas(records, axes):
         raise ColumnError(
-            f"{records.source[0].called} has neither {_AXES[0]}_sigma_m and {_AXES[1]}_sigma_m nor "
+            f"{records.source[0].called} has neither {AXES[0]}_sigma_m and {AXES[1]}_sigma_m nor "
             "position_sigma_m",
-            column=f"{_AXES[0]}_sigma_m",
+            column=f"{AXES[0]}_sigma_m",
         )
     matrices = np.zeros((rows.height, axes, axes))
-    for i, axis in enumerate(_AXES[:axes]):
+    for i, axis in enumerate(AXES[:axes]):
         name = f"{axis}_sigma_m"
         column = name if name in records.column else "position_sigma_m"
         matrices[:, i, i] = rows[column].to_numpy() ** 2
-        for j, other in enumerate(_AXES[:i]):
-            both = f"covariance_{other}_{axis}_m2"
-            if both in records.column:
-                matrices[:, i, j] = matrices[:, j, i] = rows[both].to_numpy()
+    for (i, j), both in covariance_names(axes, axes).items():
+        if both in records.column:
+            matrices[:, i, j] = matrices[:, j, i] = rows[both].to_numpy()
     return matrices

@@ -26,7 +26,7 @@ from tertia.tables._parts import Source, source_of
 from tertia.tables._records import SENSOR, TIME, Field, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
-from tertia.tables._track import covariance_columns, movement, state_columns
+from tertia.tables._track import COVARIANCES, movement, state_columns
 from tertia.tables._velocities import doubt_velocities
 from tertia.tertiary import SensorTracks, SystemTracks
 
@@ -40,7 +40,7 @@ TRACKS: Schema = {
     "confirmed": Field("flag", {"confirmed": 1.0}),
     **{name: number(name, required=True) for name in _MEANS},
     **{name: number(name, positive=True) for name in _SIGMAS},
-    **{name: number(name) for name in covariance_columns().values()},
+    **{name: number(name) for name in COVARIANCES.values()},
     "turn_probability": number("turn_probability"),
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
     **IDENTIFIED,
@@ -201,7 +201,7 @@ def _covariances(rows: pl.DataFrame) -> FloatArray:
     covariance = np.empty((rows.height, 4, 4))
     for i, name in enumerate(_SIGMAS):
         covariance[:, i, i] = rows[name].to_numpy() ** 2
-    for (i, j), name in covariance_columns().items():
+    for (i, j), name in COVARIANCES.items():
         covariance[:, i, j] = covariance[:, j, i] = rows[name].to_numpy()
     beside = ~np.eye(4, dtype=bool)
     alone = np.all(np.isnan(covariance[:, beside]), axis=1)

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray
+from tertia._result import AXES, covariance_names
 from tertia.location import Location, LocationStatus
 from tertia.sensors import ByKind, Station
 from tertia.tables._combined import PERIODS, stated_sigmas
@@ -17,7 +18,6 @@ from tertia.tables._groups import beside, known
 from tertia.tables._measurements import UNITS, Target
 from tertia.tables._sensors import GEODETIC, Sensors
 
-_AXES = ("east", "north", "up")
 _SUMMARY = (
     "sensor",
     "kind",
@@ -115,7 +115,7 @@ def coordinates(
 ) -> dict[str, pl.Series]:
     """Return the columns of vectors, (N, D), and of their sigmas; unknown values are null."""
     columns = {}
-    for i, axis in enumerate(_AXES[: values.shape[1]]):
+    for i, axis in enumerate(AXES[: values.shape[1]]):
         columns[f"{prefix}{axis}_{unit}"] = known(values[:, i])
         columns[f"{prefix}{axis}_sigma_{unit}"] = known(np.sqrt(covariance[:, i, i]))
     return columns
@@ -126,11 +126,8 @@ def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
     d = covariance.shape[-1]
     there = np.isfinite(np.diagonal(covariance, axis1=-2, axis2=-1))
     return {
-        f"covariance_{_AXES[i]}_{_AXES[j]}_m2": known(
-            covariance[:, i, j], there[:, i] & there[:, j]
-        )
-        for i in range(d)
-        for j in range(i + 1, d)
+        name: known(covariance[:, i, j], there[:, i] & there[:, j])
+        for (i, j), name in covariance_names(d, d).items()
     }
 
 

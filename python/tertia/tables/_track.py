@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia._result import covariance_names, state_names
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
@@ -57,13 +58,8 @@ REPORTS: Schema = {
 }
 # the number of a plot in the whole recording, if a table is a part of a recording
 NUMBERED: Schema = {"plot": number("plot", whole=True)}
-# components of the state: the prefixes of their columns, and their units
-_STATE = (
-    ("east", "m"),
-    ("north", "m"),
-    ("velocity_east", "m_s"),
-    ("velocity_north", "m_s"),
-)
+# columns of the covariances between position and velocity
+COVARIANCES = covariance_names(2, 4)
 # systematic errors: their columns, units and scales
 _ERRORS = {
     "range": ("range_bias", "_m", 1.0),
@@ -75,7 +71,6 @@ NO_TRACK = (
     "no track was confirmed: each target has too few plots, never leaves its place, or is faster "
     "than"
 )
-_PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,25 +425,15 @@ def movement(
     return course - convergence, speed / scale
 
 
-def covariance_columns() -> dict[tuple[int, int], str]:
-    """Return the columns of the covariances between pairs of components of the state."""
-    return {
-        (i, j): f"covariance_{first}_{second}_{_PRODUCTS[unit, other]}"
-        for i, (first, unit) in enumerate(_STATE)
-        for j, (second, other) in enumerate(_STATE)
-        if i < j
-    }
-
-
 def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str, FloatArray]:
     """Return position and velocity with their covariance, as columns."""
     values = np.hstack([table.position, table.velocity])
     columns = {}
-    for i, (name, unit) in enumerate(_STATE):
+    for i, (name, unit) in enumerate(state_names(2, 4)):
         columns[f"{name}_{unit}"] = values[:, i]
         # nan if a target is so far away that its variance is lost to rounding
         with np.errstate(invalid="ignore"):
             columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
-    for (i, j), name in covariance_columns().items():
+    for (i, j), name in COVARIANCES.items():
         columns[name] = table.covariance[:, i, j]
     return columns
