@@ -18,11 +18,13 @@ settings.register_profile(
 settings.load_profile("tertia")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     # a file that takes long would otherwise be left for one core in the end
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
-    for item in filter(is_compared, items):
-        item.add_marker(pytest.mark.compared)
+    # only if they are asked for, as to find them takes seconds in each process
+    if "compared" in config.option.markexpr:
+        for item in filter(is_compared, items):
+            item.add_marker(pytest.mark.compared)
 
 
 @pytest.fixture
