@@ -13,18 +13,18 @@ NORMAL = np.random.default_rng(0).normal
 
 def others_in_high_precision(y, i):
     """M'_i and D'_i with 50 digits."""
-    with mpmath.workdps(50):
-        rest = [mpmath.mpf(float(v)) for j, v in enumerate(y) if j != i]
-        mean = mpmath.fsum(rest) / len(rest)
-        variance = mpmath.fsum((v - mean) ** 2 for v in rest) / (len(rest) - 1)
-        return mean, variance
+    return moments_in_high_precision(np.delete(y, i))
 
 
 def moments_in_high_precision(y):
+    """Mean and variance with 50 digits, of exact sums in units of a power of two."""
+    ratios = [value.as_integer_ratio() for value in np.asarray(y, dtype=float).tolist()]
+    unit, n = max(below for _, below in ratios), len(ratios)
+    whole = [above * (unit // below) for above, below in ratios]
+    total, squares = sum(whole), sum(value * value for value in whole)
     with mpmath.workdps(50):
-        values = [mpmath.mpf(float(v)) for v in y]
-        mean = mpmath.fsum(values) / len(values)
-        return mean, mpmath.fsum((v - mean) ** 2 for v in values) / (len(values) - 1)
+        mean = mpmath.mpf(total) / (n * unit)
+        return mean, mpmath.mpf(n * squares - total**2) / (n * (n - 1) * unit**2)
 
 
 def relative_error(found, exact):
