@@ -35,11 +35,11 @@ def test_gates_are_about_the_prediction() -> None:
 def test_the_meaning_of_a_plot_is_that_of_its_sector() -> None:
     table, plots, radars = air_tracks(), air_plots(), air_radars()
     rows = np.flatnonzero((table.plot >= 0) & table.confirmed & (table.time < 130.0))
-    meanings = []
+    meanings, ax = [], plt.figure().subplots()
     for row in rows:
-        ax = plot.gates(table, int(row), plots, radars)
+        plot.gates(table, int(row), plots, radars, ax=ax)
         meanings.append(ax.get_title().split(": ")[1])
-        plt.close("all")
+        ax.clear()
     straight = np.array(meanings) == "straight on"
     assert straight[(table.time[rows] > 40.0) & (table.time[rows] < 100.0)].all()
     assert not straight[table.time[rows] > 100.0].all()

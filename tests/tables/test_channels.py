@@ -1,7 +1,5 @@
 """Channels in tables: what plots were detected by, and radars that describe it."""
 
-import subprocess
-import sys
 from io import StringIO
 
 import numpy as np
@@ -160,17 +158,10 @@ def test_command_and_stream_read_them(table, tmp_path):
     found, own = pl.read_csv(out), tables.track(ordered, sensors=[RADAR])
     assert found.height == own.height
     np.testing.assert_allclose(found["east_m"], own["east_m"], rtol=0, atol=1e-3)
-    command = [sys.executable, "-c", "from tertia.cli import main; main()", "track", "--stream"]
-    both = [
-        subprocess.run(
-            [*command, "--sensors", str(sensors)],
-            input=text.write_csv().encode(),
-            capture_output=True,
-            check=True,
-            timeout=120,
-        ).stdout.decode()
-        for text in (ordered, ordered.drop("detection"))
-    ]
+    both = []
+    for rows in (ordered, ordered.drop("detection")):
+        rows.write_csv(plots)
+        both.append(terminal.succeed("track", plots, "--stream", "--sensors", sensors).out)
     first, second = (pl.read_csv(StringIO(text)) for text in both)
     assert first.height > 100
     # replies are nearer than the radar's sigma says

@@ -49,6 +49,18 @@ def parts_of(plots, overlap=OVERLAP):
     ]
 
 
+@pytest.fixture(scope="module")
+def whole(plots):
+    """The tracks of one process."""
+    return track(plots)
+
+
+@pytest.fixture(scope="module")
+def parts(plots):
+    """The tracks of each part alone."""
+    return [track(part) for part in parts_of(plots)]
+
+
 def agreement(whole, found):
     """The share of rows with plots that are in the same tracks, and pairs of tracks."""
     both = whole.drop_nulls("plot").join(found.drop_nulls("plot"), on="plot", suffix="_found")
@@ -57,9 +69,8 @@ def agreement(whole, found):
     return most["len"].sum() / whole["plot"].count(), most
 
 
-def test_parts_of_dask_give_the_tracks_of_one_process(plots):
+def test_parts_of_dask_give_the_tracks_of_one_process(plots, whole):
     dask = pytest.importorskip("dask")
-    whole = track(plots)
     lazy = [dask.delayed(track)(part) for part in parts_of(plots)]
     computed = dask.compute(*lazy, scheduler="processes", num_workers=2)
     stitched = list(tables.stitch(computed))
@@ -97,16 +108,14 @@ def test_one_part_is_returned_as_it_is(plots):
     assert list(tables.stitch([])) == []
 
 
-def test_a_part_without_tracks_is_no_seam(plots):
-    parts = [track(part) for part in parts_of(plots)]
+def test_a_part_without_tracks_is_no_seam(parts):
     found = pl.concat(tables.stitch([parts[0], parts[1].clear(), parts[2]]))
     assert set(found["track"].drop_nulls()) >= set(parts[0]["track"])
 
 
 @pytest.mark.parametrize("kind", ["pandas", "pyarrow"])
-def test_kinds_of_tables(plots, kind):
+def test_kinds_of_tables(parts, kind):
     pytest.importorskip(kind)
-    parts = [track(part) for part in parts_of(plots)]
     expected = list(tables.stitch(parts))
     convert = pl.DataFrame.to_pandas if kind == "pandas" else pl.DataFrame.to_arrow
     for own, one in zip(tables.stitch([convert(part) for part in parts]), expected, strict=True):
@@ -137,8 +146,7 @@ def test_plots_that_are_not_numbered_are_refused(plots):
         list(tables.stitch(parts))
 
 
-def test_parts_out_of_order_are_refused(plots):
-    parts = [track(part) for part in parts_of(plots)]
+def test_parts_out_of_order_are_refused(parts):
     with pytest.raises(ValueError, match=r"parts\[1\] ends at 2.*must be in order of time"):
         list(tables.stitch(parts[1::-1]))
 
@@ -150,10 +158,9 @@ def test_tables_of_something_else_are_refused(plots):
         list(tables.stitch([{"track": [1]}]))
 
 
-def test_numbers_of_plots(plots):
+def test_numbers_of_plots(plots, whole):
     numbered = track(plots.with_columns(pl.col("plot") + 10**9))
-    expected = track(plots)
-    assert (numbered["plot"] - 10**9).equals(expected["plot"].cast(pl.Int64))
+    assert (numbered["plot"] - 10**9).equals(whole["plot"].cast(pl.Int64))
     with pytest.raises(tables.RecordError, match="plot is 7; it must be a whole number"):
         track(plots.with_columns(plot=pl.lit(7)))
     with pytest.raises(tables.RecordError, match=r"plot is 0\.5"):
