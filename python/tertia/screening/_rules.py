@@ -248,10 +248,8 @@ def k_sigma(
         What replaces an outlier. With "neighbours", it is the mean of the nearest good measurements
         on both sides; with "mean", it is the mean of the whole sample; with None, the outlier is
         excluded.
-    nan_policy : {"raise", "omit"}
-        How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
-    n_threads : int, optional
-        Number of threads; by default one for small tasks and all cores for large ones.
+    nan_policy, n_threads
+        As for `leave_one_out`.
 
     Returns
     -------
@@ -321,10 +319,8 @@ def bursts(
         rounded or that the step is unknown. The variance of rounding, `rounding**2 / 12`, is added
         to the variance of the noise. If `rounding` is 0 and more than half of the measurements are
         equal, the distance from these to the nearest different measurement is used as the step.
-    nan_policy : {"raise", "omit"}
-        How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
-    n_threads : int, optional
-        Number of threads; by default one for small tasks and all cores for large ones.
+    nan_policy, n_threads
+        As for `leave_one_out`.
 
     Returns
     -------

@@ -183,14 +183,10 @@ def required_samples(
         "monte-carlo": the simulated loss plus two of its standard errors must be below the bound.
         "first-order": the loss in closed form must be below the bound; the resulting n is too small
         if W is near 0 or I.
-    convention : {"sample-mean", "known-mean", "paper", "differences"}
-        How the covariances are estimated (see `sample_covariance`).
     trials : int
         Number of simulated sets of covariances for each n, at least 2.
-    rng : numpy.random.Generator or int
-        Random generator or seed; by default a fixed seed, so that the result is always the same.
-    n_threads : int, optional
-        Number of threads; by default one for small tasks and all cores for large ones.
+    convention, rng, n_threads
+        As for `fusion_loss`.
 
     Returns
     -------
