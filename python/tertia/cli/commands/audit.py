@@ -8,19 +8,8 @@ import typer
 from tertia import plot
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    TRUTH,
-    ColumnNames,
-    MaxDistance,
-    Origin,
-    Output,
-    PlotFile,
-    column_names,
-    input_file,
-    input_files,
-    option,
-    pair,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import input_file, input_files, option
 from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._audit import audit_of
 
@@ -41,7 +30,7 @@ def audit(
     ],
     *,
     truth: Annotated[
-        Path | None, input_file(f"{TRUTH} By default, columns true_* of FILE.")
+        Path | None, input_file(f"{opt.TRUTH} By default, columns true_* of FILE.")
     ] = None,
     value: Annotated[
         str | None,
@@ -61,7 +50,7 @@ def audit(
             metavar="COLUMN",
         ),
     ] = None,
-    column: ColumnNames = None,
+    column: opt.ColumnNames = None,
     truth_column: Annotated[
         list[str] | None,
         option("As --column, for the truth; may be repeated.", metavar="NAME=COLUMN"),
@@ -69,10 +58,10 @@ def audit(
     truth_sigma: Annotated[
         float, option("Standard deviation of each axis of the truth, in metres.")
     ] = 0.0,
-    origin: Origin = None,
-    max_distance: MaxDistance = 1000.0,
-    output: Output = None,
-    plot_file: PlotFile = None,
+    origin: opt.Origin = None,
+    max_distance: opt.MaxDistance = 1000.0,
+    output: opt.Output = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Check against the truth whether the sigmas of estimates are too small, too large or honest.
 
@@ -84,12 +73,12 @@ def audit(
         found = audit_of(
             read.estimates(file),
             None if truth is None else read.truth(truth),
-            columns=column_names(column),
-            truth_columns=column_names(truth_column),
+            columns=opt.column_names(column),
+            truth_columns=opt.column_names(truth_column),
             value=value,
             by=by or (),
             strata=strata or (),
-            origin=pair(origin, "--origin", float),
+            origin=opt.pair(origin, "--origin", float),
             truth_sigma=truth_sigma,
             max_distance=max_distance,
         )

@@ -15,17 +15,8 @@ from tertia._arrays import FloatArray
 from tertia._result import counted
 from tertia.bearing import BearingEstimate, Method
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    By,
-    ColumnNames,
-    Output,
-    PlotFile,
-    Recording,
-    Threads,
-    Value,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import FAILED, as_text, note, print_table, working
 from tertia.tables import RecordWarning
 from tertia.tables._bearing import bearings_of
@@ -48,11 +39,11 @@ _MAX_PANELS = 16
 
 
 def bearing(
-    file: Recording,
+    file: opt.Recording,
     *,
-    value: Value = "azimuth_deg",
-    column: ColumnNames = None,
-    by: By = None,
+    value: opt.Value = "azimuth_deg",
+    column: opt.ColumnNames = None,
+    by: opt.By = None,
     groups: Annotated[
         str | None,
         option(
@@ -75,9 +66,9 @@ def bearing(
     ] = None,
     block_size: Annotated[int, option("Number of measurements per block.")] = 10,
     k: Annotated[float, option("Threshold of the methods corrected, paper and k-sigma.")] = 2.5,
-    n_threads: Threads = None,
-    output: Output = None,
-    plot_file: PlotFile = None,
+    n_threads: opt.Threads = None,
+    output: opt.Output = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Estimate a bearing and its sigma per group, and count the outliers.
 
@@ -87,7 +78,7 @@ def bearing(
     write.check_suffixes(output, plot_file)
     wrap = usual_period(value) if period is None else period or None
     options: dict[str, Any] = {
-        "columns": column_names(column),
+        "columns": opt.column_names(column),
         "values": value,
         "by": by or [],
         "groups": groups,

@@ -8,21 +8,8 @@ import numpy as np
 
 from tertia.cli.files import read, write
 from tertia.cli.files.limits import read_limits
-from tertia.cli.terminal.options import (
-    TRUTH,
-    ColumnNames,
-    LimitFile,
-    MaxDistance,
-    Origin,
-    Output,
-    PlotFile,
-    UpdateInterval,
-    column_names,
-    input_file,
-    input_files,
-    output_file,
-    pair,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import input_file, input_files, output_file
 from tertia.cli.terminal.say import note, print_table, working
 from tertia.metrics._evaluation import PARTS, Judged
 from tertia.tables._evaluate import evaluation_of
@@ -45,15 +32,15 @@ _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
 def evaluate(
     tracks: Annotated[Path, input_files("TRACKS", "Tracks, as written by tertia track.")],
     *,
-    truth: Annotated[Path, input_file(TRUTH)],
-    column: ColumnNames = None,
-    origin: Origin = None,
-    update_interval: UpdateInterval = None,
-    max_distance: MaxDistance = 1000.0,
-    limits: LimitFile = None,
-    output: Output = None,
+    truth: Annotated[Path, input_file(opt.TRUTH)],
+    column: opt.ColumnNames = None,
+    origin: opt.Origin = None,
+    update_interval: opt.UpdateInterval = None,
+    max_distance: opt.MaxDistance = 1000.0,
+    limits: opt.LimitFile = None,
+    output: opt.Output = None,
     targets: Annotated[Path | None, output_file("Write one row per target to this file.")] = None,
-    plot_file: PlotFile = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Compare tracks with the truth: update rate, accuracy, and false tracks.
 
@@ -65,8 +52,8 @@ def evaluate(
         found = evaluation_of(
             read.tables(tracks),
             read.truth(truth),
-            columns=column_names(column),
-            origin=pair(origin, "--origin", float),
+            columns=opt.column_names(column),
+            origin=opt.pair(origin, "--origin", float),
             max_distance=max_distance,
             update_interval=update_interval,
             limits=read_limits(limits),

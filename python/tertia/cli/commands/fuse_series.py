@@ -13,18 +13,8 @@ import typer
 from tertia import plot
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    By,
-    ColumnNames,
-    Output,
-    Period,
-    PlotFile,
-    Recordings,
-    Threads,
-    Value,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import (
     MAX_ROWS,
     WRONG_USAGE,
@@ -50,12 +40,12 @@ EXAMPLES = (
 
 
 def fuse_series(
-    files: Recordings,
+    files: opt.Recordings,
     *,
-    value: Value = "azimuth_deg",
-    column: ColumnNames = None,
-    by: By = None,
-    period: Period = 360.0,
+    value: opt.Value = "azimuth_deg",
+    column: opt.ColumnNames = None,
+    by: opt.By = None,
+    period: opt.Period = 360.0,
     sigma: Annotated[
         list[str] | None,
         option(
@@ -80,9 +70,9 @@ def fuse_series(
     acceleration_sigma: Annotated[
         float | None, option("Sigma of the acceleration; by default estimated.")
     ] = None,
-    n_threads: Threads = None,
-    output: Output = None,
-    plot_file: PlotFile = None,
+    n_threads: opt.Threads = None,
+    output: opt.Output = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Fuse the plots of several sensors into one track, and show the weight of each sensor.
 
@@ -94,7 +84,7 @@ def fuse_series(
     with working("Fusing") as over:
         found = fusion_of(
             read.tables(*files),
-            columns=column_names(column),
+            columns=opt.column_names(column),
             values=value,
             by=by or [],
             sigma=_by_sensor("--sigma", sigma or []),

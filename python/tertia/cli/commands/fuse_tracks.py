@@ -6,15 +6,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    ColumnNames,
-    Flat,
-    Output,
-    SensorFile,
-    column_names,
-    input_files,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import input_files, option
 from tertia.cli.terminal.say import print_table, working
 from tertia.tables._fuse_tracks import fused_tracks
 from tertia.tertiary._centre import TrackMethod, core_settings
@@ -34,9 +27,9 @@ def fuse_tracks(
         ),
     ],
     *,
-    sensors: SensorFile,
-    flat: Flat = False,
-    column: ColumnNames = None,
+    sensors: opt.SensorFile,
+    flat: opt.Flat = False,
+    column: opt.ColumnNames = None,
     method: Annotated[
         TrackMethod, option("Method by which the tracks of one target are fused.")
     ] = "tracklets",
@@ -44,7 +37,7 @@ def fuse_tracks(
         bool | None, option("Estimate the systematic errors of the sensors.")
     ] = None,
     update_interval: Annotated[float, option("Seconds between pictures.", metavar="S")] = 5.0,
-    output: Output = None,
+    output: opt.Output = None,
 ) -> dict[str, Any]:
     """Fuse the tracks of several sensors that belong to one target into one track.
 
@@ -57,7 +50,7 @@ def fuse_tracks(
     tracks = read.tables(*files)
     radars = read.read_radars(sensors, tracks, flat=flat)
     with working("Fusing the tracks"):
-        found = fused_tracks(tracks, radars, column_names(column), **options)
+        found = fused_tracks(tracks, radars, opt.column_names(column), **options)
     table = found.per_sensor
     print_table(table, text=["sensor"], limited="sensors are shown")
     if output is not None:

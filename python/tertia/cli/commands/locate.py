@@ -12,21 +12,8 @@ from tertia import plot
 from tertia._result import counted
 from tertia.cli.commands import positions, shapes
 from tertia.cli.files import krakensdr, maps, read, write
-from tertia.cli.terminal.options import (
-    By,
-    ColumnNames,
-    MapOutput,
-    MeasurementOutput,
-    PlotFile,
-    PropagationSpeed,
-    PropagationSpeedSigma,
-    Recordings,
-    SensorFile,
-    Threads,
-    WindSigma,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import FAILED, working
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.sensors import ByKind, Kind
@@ -55,11 +42,11 @@ _DRAWN: tuple[Kind, ...] = ("azimuth", "range")
 
 
 def locate(
-    files: Recordings,
+    files: opt.Recordings,
     *,
-    sensors: SensorFile,
-    column: ColumnNames = None,
-    by: By = None,
+    sensors: opt.SensorFile,
+    column: opt.ColumnNames = None,
+    by: opt.By = None,
     form: Annotated[
         Literal["table", "krakensdr"],
         option("Format of the files; krakensdr: recordings of the KrakenSDR app.", "--format"),
@@ -97,9 +84,9 @@ def locate(
             metavar="R",
         ),
     ] = 0.5,
-    propagation_speed: PropagationSpeed = LIGHT,
-    propagation_speed_sigma: PropagationSpeedSigma = None,
-    wind_sigma: WindSigma = 0.0,
+    propagation_speed: opt.PropagationSpeed = LIGHT,
+    propagation_speed_sigma: opt.PropagationSpeedSigma = None,
+    wind_sigma: opt.WindSigma = 0.0,
     multipath: Annotated[
         bool, option("Assume that outliers of arrival times are mostly late.")
     ] = True,
@@ -129,10 +116,10 @@ def locate(
     risk: Annotated[
         float | None, option("Write protection levels with this risk.", metavar="P")
     ] = None,
-    n_threads: Threads = None,
-    output: MapOutput = None,
-    measurements: MeasurementOutput = None,
-    plot_file: PlotFile = None,
+    n_threads: opt.Threads = None,
+    output: opt.MapOutput = None,
+    measurements: opt.MeasurementOutput = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Locate a target at every instant from ranges, azimuths, elevations or times of arrival.
 
@@ -151,7 +138,7 @@ def locate(
         found = locations_of(
             source,
             sensors=stations,
-            columns=column_names(column),
+            columns=opt.column_names(column),
             by=by or [],
             tolerance=tolerance,
             method=method,
@@ -171,24 +158,11 @@ def locate(
             n_threads=n_threads,
             progress=over,
         )
-    positions.print_all(found, by or [])
-    positions.say_groups(
-        found.targets,
-        positions.say_located,
-        _say_expected,
-        _say_sigma,
-        positions.say_speed,
-        _say_bias,
-    )
-    positions.note_speed(propagation_speed, found.targets)
-    positions.write_all(
-        found,
-        output,
-        measurements,
-        lambda: _points(found, by or []),
-        "position",
-        shapes=lambda: shapes.of(found, probability),
-    )
+    said = (_say_expected, _say_sigma, positions.say_speed, _say_bias)
+    positions.print_all(found, by or [], said, propagation_speed)
+    if output is not None and maps.is_map(output):
+        maps.write(_points(found, by or []), output, "position", shapes.of(found, probability))
+    positions.write_tables(found, output, measurements)
     if plot_file is not None:
         write.save_groups(found.targets, plot_file, _draw, positions.FIGURE_SIZE)
     if not any(np.any(one.result.success) for one in found.targets):

@@ -15,7 +15,7 @@ from tertia.location import LIGHT, LocationStatus
 from tertia.tables._positions import Located, Positions, reason
 
 # groups above which sensors are listed once for all of them, and only the first are described
-MANY_GROUPS = 20
+_MANY_GROUPS = 20
 # size of the picture of a target, in inches
 FIGURE_SIZE = (11.0, 8.0)
 # p-value below which measurements contradict each other
@@ -41,9 +41,17 @@ def start(text: str | None, dimension: int) -> list[float] | None:
     return place
 
 
-def print_all(found: Positions[Any], by: Sequence[str]) -> None:
-    """Print the results of each sensor, and the origin; of many groups those of all together."""
-    many = len(found.targets) > MANY_GROUPS
+def print_all(
+    found: Positions[Any],
+    by: Sequence[str],
+    said: Sequence[Callable[[Located[Any]], None]],
+    speed: float,
+) -> None:
+    """Print the results of each sensor, and the origin; of many groups those of all together.
+
+    Then print what is `said` of each target, and a note on the speed of the signals.
+    """
+    many = len(found.targets) > _MANY_GROUPS
     print_table(
         _of_all_groups(found.sensors) if many else found.sensors,
         text=["sensor", "kind"] if many else [*by, "sensor", "kind"],
@@ -53,6 +61,12 @@ def print_all(found: Positions[Any], by: Sequence[str]) -> None:
     origin = found.stations.origin()
     if origin is not None:
         typer.echo(origin)
+    _say_groups(found.targets, _say_located, *said)
+    if speed != LIGHT and all(one.result.propagation_speed is None for one in found.targets):
+        note(
+            f"the speed of the signals is taken as exactly {speed:g} m/s; if it may be wrong, give "
+            "--propagation-speed-sigma, so that the sigmas include its error"
+        )
 
 
 def _of_all_groups(sensors: pl.DataFrame) -> pl.DataFrame:
@@ -66,12 +80,12 @@ def _of_all_groups(sensors: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def say_groups(targets: Sequence[Located[Any]], *said: Callable[[Located[Any]], None]) -> None:
+def _say_groups(targets: Sequence[Located[Any]], *said: Callable[[Located[Any]], None]) -> None:
     """Print what `said` says of each target, and a summary of those after the first ones."""
-    for one in targets[:MANY_GROUPS]:
+    for one in targets[:_MANY_GROUPS]:
         for say in said:
             say(one)
-    rest = targets[MANY_GROUPS:]
+    rest = targets[_MANY_GROUPS:]
     if rest:
         there = [np.isfinite(one.result.position[:, :2]).all(axis=1) for one in rest]
         count = sum(len(one) for one in there)
@@ -82,7 +96,7 @@ def say_groups(targets: Sequence[Located[Any]], *said: Callable[[Located[Any]], 
         )
 
 
-def say_located(one: Located[Any]) -> None:
+def _say_located(one: Located[Any]) -> None:
     """Print how many instants were located, their median sigma, and why others failed."""
     fixes, sigma = one.fixes, one.result.sigma
     located = np.asarray(fixes.success)
@@ -120,15 +134,6 @@ def say_speed(one: Located[Any]) -> None:
         typer.echo(f"  wind: {', '.join(parts)}")
 
 
-def note_speed(speed: float, located: Sequence[Located[Any]]) -> None:
-    """Print a note if the speed of the signals is not that of light, and is taken as exact."""
-    if speed != LIGHT and all(one.result.propagation_speed is None for one in located):
-        note(
-            f"the speed of the signals is taken as exactly {speed:g} m/s; if it may be wrong, give "
-            "--propagation-speed-sigma, so that the sigmas include its error"
-        )
-
-
 def _reason(status: int, count: int, there: int) -> str:
     """Return why instants were not located; so many of them are still part of a path."""
     instants = counted(count, "instant")
@@ -143,19 +148,9 @@ def _reason(status: int, count: int, there: int) -> str:
     return f"{instants} {why}; the path includes {included}"
 
 
-def write_all(
-    found: Positions[Any],
-    output: Path | None,
-    measurements: Path | None,
-    features: Callable[[], Sequence[maps.Feature | None]],
-    noun: str,
-    *,
-    shapes: Callable[[], Sequence[maps.Shape]] = tuple,
-) -> None:
-    """Write positions as a table or for a map, and the measurements."""
-    if output is not None and maps.is_map(output):
-        maps.write(features(), output, noun, shapes())
-    elif output is not None:
+def write_tables(found: Positions[Any], output: Path | None, measurements: Path | None) -> None:
+    """Write positions, unless the output is a map, and the measurements."""
+    if output is not None and not maps.is_map(output):
         write.write(found.rows, output)
     if measurements is not None:
         write.write(found.measurements, measurements)

@@ -8,21 +8,8 @@ import typer
 from tertia import plot
 from tertia.cli.commands import positions
 from tertia.cli.files import maps, read, write
-from tertia.cli.terminal.options import (
-    By,
-    ColumnNames,
-    MapOutput,
-    MeasurementOutput,
-    PlotFile,
-    PropagationSpeed,
-    PropagationSpeedSigma,
-    Recordings,
-    SensorFile,
-    Threads,
-    WindSigma,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import WRONG_USAGE, fail, working
 from tertia.location import LIGHT
 from tertia.sensors import Bias
@@ -42,11 +29,11 @@ _BIASED = ("range", "azimuth", "elevation")
 
 
 def reconstruct(
-    files: Recordings,
+    files: opt.Recordings,
     *,
-    sensors: SensorFile,
-    column: ColumnNames = None,
-    by: By = None,
+    sensors: opt.SensorFile,
+    column: opt.ColumnNames = None,
+    by: opt.By = None,
     tolerance: Annotated[
         float, option("Seconds within which measurements form an instant.", metavar="SECONDS")
     ] = 0.0,
@@ -66,9 +53,9 @@ def reconstruct(
             "Kinds with unknown constant biases: range, azimuth, elevation.", metavar="KIND[,KIND]"
         ),
     ] = None,
-    propagation_speed: PropagationSpeed = LIGHT,
-    propagation_speed_sigma: PropagationSpeedSigma = None,
-    wind_sigma: WindSigma = 0.0,
+    propagation_speed: opt.PropagationSpeed = LIGHT,
+    propagation_speed_sigma: opt.PropagationSpeedSigma = None,
+    wind_sigma: opt.WindSigma = 0.0,
     height: Annotated[
         float | None,
         option(
@@ -86,10 +73,10 @@ def reconstruct(
             metavar="EAST,NORTH[,UP]",
         ),
     ] = None,
-    n_threads: Threads = None,
-    output: MapOutput = None,
-    measurements: MeasurementOutput = None,
-    plot_file: PlotFile = None,
+    n_threads: opt.Threads = None,
+    output: opt.MapOutput = None,
+    measurements: opt.MeasurementOutput = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Reconstruct a path from ranges, azimuths, elevations, range differences or arrival times.
 
@@ -105,7 +92,7 @@ def reconstruct(
         found = paths_of(
             read.tables(*files),
             sensors=stations,
-            columns=column_names(column),
+            columns=opt.column_names(column),
             by=by or [],
             tolerance=tolerance,
             spatial=spatial,
@@ -123,18 +110,11 @@ def reconstruct(
             progress=over,
             **options,
         )
-    positions.print_all(found, by or [])
-    positions.say_groups(
-        found.targets,
-        positions.say_located,
-        positions.say_speed,
-        lambda one: _say_motion(one.result),
-        _say_errors,
-    )
-    positions.note_speed(propagation_speed, found.targets)
-    positions.write_all(
-        found, output, measurements, lambda: [_line(one) for one in found.targets], "line"
-    )
+    said = (positions.say_speed, lambda one: _say_motion(one.result), _say_errors)
+    positions.print_all(found, by or [], said, propagation_speed)
+    if output is not None and maps.is_map(output):
+        maps.write([_line(one) for one in found.targets], output, "line")
+    positions.write_tables(found, output, measurements)
     if plot_file is not None:
 
         def draw(one: Located[Trajectory], figure: "FigureBase") -> None:

@@ -6,17 +6,7 @@ import polars as pl
 
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    ClockPeriod,
-    ColumnNames,
-    Flat,
-    Output,
-    PlotFiles,
-    Profile,
-    SensorFile,
-    Threads,
-    column_names,
-)
+from tertia.cli.terminal import options as opt
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
 from tertia.tables._register import Registered, registered
 from tertia.tables._track import recording_of
@@ -35,15 +25,15 @@ _SHOWN = (
 
 
 def register(
-    files: PlotFiles = None,
+    files: opt.PlotFiles = None,
     *,
-    sensors: SensorFile,
-    flat: Flat = False,
-    column: ColumnNames = None,
-    profile: Profile = "aircraft",
-    clock_period: ClockPeriod = None,
-    n_threads: Threads = None,
-    output: Output = None,
+    sensors: opt.SensorFile,
+    flat: opt.Flat = False,
+    column: opt.ColumnNames = None,
+    profile: opt.Profile = "aircraft",
+    clock_period: opt.ClockPeriod = None,
+    n_threads: opt.Threads = None,
+    output: opt.Output = None,
 ) -> dict[str, Any]:
     """Estimate range, gain, azimuth and clock errors of radars from common targets.
 
@@ -57,7 +47,7 @@ def register(
     write.check_suffixes(output)
     plots = read.plots(*files)
     radars = read.read_radars(sensors, plots, flat=flat)
-    recording = recording_of(plots, radars, column_names(column))
+    recording = recording_of(plots, radars, opt.column_names(column))
     with working(f"Registering {counted(len(radars.items), 'radar')}"):
         found = registered(recording, n_threads, profile=profile, clock_period=clock_period)
     rows = found.rows

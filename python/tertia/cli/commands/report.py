@@ -16,29 +16,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from tertia import report as pages
 from tertia.cli.files import read, write
 from tertia.cli.files.limits import read_limits
-from tertia.cli.terminal.options import (
-    TRUTH,
-    By,
-    ClockPeriod,
-    ColumnNames,
-    Flat,
-    LimitFile,
-    MaxDistance,
-    MotionModel,
-    Origin,
-    PlanFile,
-    PlotFiles,
-    Profile,
-    RegistrationSwitch,
-    SensorFile,
-    UpdateInterval,
-    column_names,
-    input_file,
-    option,
-    output_file,
-    pair,
-    switched,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import input_file, option, output_file
 from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.report import Emitter, Report
 from tertia.sensors._identities import NUMBERS, leading
@@ -67,25 +46,25 @@ _SHOWN = {
 
 
 def report(
-    files: PlotFiles = None,
+    files: opt.PlotFiles = None,
     *,
-    sensors: SensorFile,
-    plans: PlanFile = None,
-    truth: Annotated[Path | None, input_file(TRUTH)] = None,
+    sensors: opt.SensorFile,
+    plans: opt.PlanFile = None,
+    truth: Annotated[Path | None, input_file(opt.TRUTH)] = None,
     bearings: Annotated[
         Path | None, option("Azimuths from the stations, as read by tertia locate.", metavar="FILE")
     ] = None,
-    by: By = None,
-    origin: Origin = None,
-    flat: Flat = False,
-    column: ColumnNames = None,
-    motion: MotionModel = "imm",
-    profile: Profile = "aircraft",
-    clock_period: ClockPeriod = None,
-    registration: RegistrationSwitch = None,
-    update_interval: UpdateInterval = None,
-    max_distance: MaxDistance = 1000.0,
-    limits: LimitFile = None,
+    by: opt.By = None,
+    origin: opt.Origin = None,
+    flat: opt.Flat = False,
+    column: opt.ColumnNames = None,
+    motion: opt.MotionModel = "imm",
+    profile: opt.Profile = "aircraft",
+    clock_period: opt.ClockPeriod = None,
+    registration: opt.RegistrationSwitch = None,
+    update_interval: opt.UpdateInterval = None,
+    max_distance: opt.MaxDistance = 1000.0,
+    limits: opt.LimitFile = None,
     output: Annotated[Path, output_file("File for the page, .html.")] = Path("report.html"),
 ) -> dict[str, Any]:
     """Show a recording on one page: tracks, radars, fusion, plans, errors, emitters.
@@ -102,8 +81,8 @@ def report(
     given: dict[str, Any] = {}
     clock: Clock | None = None
     if files:
-        names = column_names(column)
-        place = pair(origin, "--origin", float)
+        names = opt.column_names(column)
+        place = opt.pair(origin, "--origin", float)
         given, clock = _seen(
             files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names
         )
@@ -114,7 +93,7 @@ def report(
         given |= {"motion": motion, "profile": profile, "clock_period": clock_period}
         given["limits"] = read_limits(limits)
         given |= {"max_distance": max_distance, "update_interval": update_interval}
-        given["registration"] = switched(registration)
+        given["registration"] = opt.switched(registration)
     if bearings is not None:
         heard, clock = _heard(bearings, sensors, by or [], clock)
         given |= heard

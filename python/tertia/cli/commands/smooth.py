@@ -9,15 +9,8 @@ import typer
 
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    By,
-    ColumnNames,
-    Output,
-    Recordings,
-    Threads,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._smooth import smoothing_of
 
@@ -29,7 +22,7 @@ EXAMPLES = (
 
 
 def smooth(
-    files: Recordings,
+    files: opt.Recordings,
     *,
     sigma: Annotated[
         list[str],
@@ -63,8 +56,8 @@ def smooth(
             metavar="NUMBER|COLUMN",
         ),
     ] = None,
-    column: ColumnNames = None,
-    by: By = None,
+    column: opt.ColumnNames = None,
+    by: opt.By = None,
     correlation_time: Annotated[
         float | None, option("Correlation time of the noise in seconds; by default estimated.")
     ] = None,
@@ -75,8 +68,8 @@ def smooth(
         float | None,
         option("Intensity of the white jerk; by default, each track's motion is estimated."),
     ] = None,
-    n_threads: Threads = None,
-    output: Output = None,
+    n_threads: opt.Threads = None,
+    output: opt.Output = None,
 ) -> dict[str, Any]:
     """Smooth positions over time, allowing for outliers and jumps.
 
@@ -88,7 +81,7 @@ def smooth(
     with working("Smoothing"):
         found = smoothing_of(
             read.tables(*files),
-            columns=column_names(column),
+            columns=opt.column_names(column),
             values=list(dict.fromkeys(value or ("east_m", "north_m"))),
             sigma=_sigmas(sigma),
             velocities=velocity or None,

@@ -8,18 +8,8 @@ import typer
 from tertia import plot
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import (
-    ClockPeriod,
-    ColumnNames,
-    Flat,
-    Output,
-    PlotFile,
-    PlotFiles,
-    SensorFile,
-    Threads,
-    column_names,
-    option,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note, working
 from tertia.tables._smooth_tracks import Smoothing, smoothing_of
 from tertia.tables._track import recording_of
@@ -36,20 +26,20 @@ _FIGURE_SIZE = (11.0, 9.0)
 
 
 def smooth_tracks(
-    files: PlotFiles = None,
+    files: opt.PlotFiles = None,
     *,
-    sensors: SensorFile,
-    flat: Flat = False,
-    column: ColumnNames = None,
+    sensors: opt.SensorFile,
+    flat: opt.Flat = False,
+    column: opt.ColumnNames = None,
     motion: Annotated[Literal["imm", "cv"], option("Motion model of the targets.")] = "imm",
     every: Annotated[
         float | None, option("Interval of additional rows between plots, in seconds.")
     ] = None,
     exclude: Annotated[str | None, option("Name of a sensor whose plots are not used.")] = None,
-    clock_period: ClockPeriod = None,
-    n_threads: Threads = None,
-    output: Output = None,
-    plot_file: PlotFile = None,
+    clock_period: opt.ClockPeriod = None,
+    n_threads: opt.Threads = None,
+    output: opt.Output = None,
+    plot_file: opt.PlotFile = None,
 ) -> dict[str, Any]:
     """Estimate each track from all its plots, including later ones.
 
@@ -60,7 +50,7 @@ def smooth_tracks(
     write.check_suffixes(output, plot_file)
     plots = read.plots(*files)
     radars = read.read_radars(sensors, plots, flat=flat)
-    recording = recording_of(plots, radars, column_names(column))
+    recording = recording_of(plots, radars, opt.column_names(column))
     with working(f"Smoothing the tracks of {counted(len(recording.plots), 'plot')}"):
         found = smoothing_of(
             recording,

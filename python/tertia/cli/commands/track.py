@@ -11,27 +11,8 @@ from tertia._result import counted
 from tertia.cli.commands import stream as streams
 from tertia.cli.commands.control import Control
 from tertia.cli.files import maps, read, write
-from tertia.cli.terminal.options import (
-    AirwayFile,
-    ClockPeriod,
-    ColumnNames,
-    FixFile,
-    Flat,
-    MapOutput,
-    MotionModel,
-    Origin,
-    PlanFile,
-    PlotFile,
-    PlotFiles,
-    Profile,
-    RegistrationSwitch,
-    SensorFile,
-    Threads,
-    column_names,
-    option,
-    pair,
-    switched,
-)
+from tertia.cli.terminal import options as opt
+from tertia.cli.terminal.options import option
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
@@ -60,16 +41,16 @@ _ERRORS = (
 
 
 def track(
-    files: PlotFiles = None,
+    files: opt.PlotFiles = None,
     *,
-    sensors: SensorFile,
-    plans: PlanFile = None,
-    fixes: FixFile = None,
-    airways: AirwayFile = None,
-    origin: Origin = None,
-    flat: Flat = False,
-    column: ColumnNames = None,
-    motion: MotionModel = "imm",
+    sensors: opt.SensorFile,
+    plans: opt.PlanFile = None,
+    fixes: opt.FixFile = None,
+    airways: opt.AirwayFile = None,
+    origin: opt.Origin = None,
+    flat: opt.Flat = False,
+    column: opt.ColumnNames = None,
+    motion: opt.MotionModel = "imm",
     association: Annotated[
         AssociationName, option("How plots are assigned to tracks; mht: with several hypotheses.")
     ] = "gnn",
@@ -90,7 +71,7 @@ def track(
     clutter_density: Annotated[
         float | None, option("False plots per m² and scan; by default estimated from the plots.")
     ] = None,
-    profile: Profile = "aircraft",
+    profile: opt.Profile = "aircraft",
     max_speed: Annotated[
         float | None,
         option("Largest speed of a target in m/s; by default, the largest speed of the profile."),
@@ -108,15 +89,15 @@ def track(
             "may be replaced until they are final."
         ),
     ] = 0.0,
-    clock_period: ClockPeriod = None,
-    registration: RegistrationSwitch = None,
+    clock_period: opt.ClockPeriod = None,
+    registration: opt.RegistrationSwitch = None,
     trusted: Annotated[
         list[str] | None,
         option("A radar without systematic errors; may be repeated.", metavar="NAME"),
     ] = None,
-    n_threads: Threads = None,
-    output: MapOutput = None,
-    plot_file: PlotFile = None,
+    n_threads: opt.Threads = None,
+    output: opt.MapOutput = None,
+    plot_file: opt.PlotFile = None,
     stream: Annotated[
         bool,
         option(
@@ -158,15 +139,15 @@ def track(
     sensors east_m and north_m; sensor, if there are several; and, if known, height_m or
     flight_level, and icao_address, mode_3a, callsign and identity.
     """
-    columns = column_names(column)
-    place = pair(origin, "--origin", float)
+    columns = opt.column_names(column)
+    place = opt.pair(origin, "--origin", float)
     options: dict[str, Any] = {
         "motion": motion,
         "plan_model": PlanModel(
-            flown_probability, pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma, initiation
+            flown_probability, opt.pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma, initiation
         ),
         "association": association,
-        "confirmation": pair(confirmation, "--confirmation", int),
+        "confirmation": opt.pair(confirmation, "--confirmation", int),
         "coasting": coasting,
         "clutter_density": clutter_density,
         "profile": profile,
@@ -175,7 +156,7 @@ def track(
         "identity_error_probability": identity_error_probability,
         "lag": lag,
         "clock_period": clock_period,
-        "registration": switched(registration),
+        "registration": opt.switched(registration),
         "n_threads": n_threads,
     }
     given = files or []
