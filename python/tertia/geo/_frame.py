@@ -109,8 +109,7 @@ class Frame:
         Returns
         -------
         local : ndarray of shape (..., 3)
-            East, north and up in metres; nan where one is missing. In a system plane, up is the
-            height above the ellipsoid.
+            As from `to_local`.
 
         Raises
         ------
@@ -130,9 +129,8 @@ class Frame:
 
         Parameters
         ----------
-        position : array_like of shape (..., 3)
-            East, north and up in metres; nan where one is missing. In a system plane, up is the
-            height above the ellipsoid.
+        position
+            As for `to_geodetic`.
 
         Returns
         -------

@@ -240,12 +240,8 @@ class LocalFrame(Frame):
 
         Parameters
         ----------
-        latitude, longitude : float
-            In degrees.
-        height : float
-            Height in metres above the ellipsoid.
-        **properties
-            As for `tertia.sensors.Radar`.
+        latitude, longitude, height, **properties
+            As for `SystemPlane.radar`.
 
         Returns
         -------
@@ -255,7 +251,7 @@ class LocalFrame(Frame):
         Raises
         ------
         ValueError, TypeError
-            As for `Radar`.
+            As for `SystemPlane.radar`.
 
         Examples
         --------
@@ -402,14 +398,8 @@ class SystemPlane(Frame):
 
         Parameters
         ----------
-        latitude, longitude : float
-            In degrees.
-        height : float
-            Height in metres above the ellipsoid.
-        azimuth_sigma : float, optional
-            Standard deviation of the azimuths in radians.
-        name : str, optional
-            Label of the station in pictures.
+        latitude, longitude, height, azimuth_sigma, name
+            As for `LocalFrame.station`, for one place.
 
         Returns
         -------

@@ -84,10 +84,8 @@ def cartesian_to_polar(
     state : array_like of shape (..., 4) or (..., 6)
         Position, velocity and, if there are six components, acceleration, in metres and seconds; in
         each of these, east comes before north.
-    covariance : array_like of shape (..., n, n), optional
-        Covariances of the states.
-    origin : array_like of shape (2,)
-        East and north of the sensor in metres.
+    covariance, origin
+        As for `polar_to_cartesian`.
 
     Returns
     -------
@@ -96,8 +94,7 @@ def cartesian_to_polar(
         each rate is followed by the acceleration. For a target at the sensor the state is nan, and
         there is a warning.
     covariance : ndarray of shape (..., n, n)
-        Covariances `J P J'`, where J contains the derivatives of the conversion and P is
-        `covariance`; returned only if `covariance` is given.
+        As from `polar_to_cartesian`.
 
     Raises
     ------

@@ -138,12 +138,8 @@ def fuse_tracks(
 
     Raises
     ------
-    RecordError
-        If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    RecordError, ValueError, TypeError
+        As for `track`.
 
     Examples
     --------

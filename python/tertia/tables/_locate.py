@@ -159,7 +159,7 @@ def locate(
     ValueError
         If an option is outside its domain.
     TypeError
-        If the table is of an unsupported kind.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------

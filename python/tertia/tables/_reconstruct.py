@@ -103,12 +103,8 @@ def reconstruct(
 
     Raises
     ------
-    RecordError
-        As for `locate`, and also if there are too few measurements to reconstruct a path.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    RecordError, ValueError, TypeError
+        As for `locate`; also if there are too few measurements to reconstruct a path.
 
     Examples
     --------

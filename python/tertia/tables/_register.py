@@ -86,11 +86,8 @@ def register(
 
     Raises
     ------
-    RecordError
-        If a column or a time is missing, a sensor is not among `sensors`, or a cell cannot be
-        understood.
-    ValueError, TypeError
-        If an option is outside its domain or has the wrong type.
+    RecordError, ValueError, TypeError
+        As for `track`.
 
     Examples
     --------

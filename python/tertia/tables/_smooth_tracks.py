@@ -150,12 +150,8 @@ def smooth_tracks(
 
     Raises
     ------
-    RecordError
-        As for `track`.
-    ValueError
-        If an option is outside its domain, or a sensor is not among `sensors`.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    RecordError, ValueError, TypeError
+        As for `track`; also if `exclude` is not among `sensors`.
 
     Examples
     --------

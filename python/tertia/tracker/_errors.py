@@ -66,7 +66,7 @@ class BiasHistory:
         Raises
         ------
         ValueError
-            If a plot belongs to a sensor for which there is no bias.
+            As for `Bias.correct`.
 
         Examples
         --------
