@@ -274,11 +274,9 @@ def local_polynomial(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If a measurement is infinite, a variance is not positive, times decrease, shapes do not fit,
-        or an option is outside its domain.
-    TypeError
-        If an argument has the wrong type.
+        an option is outside its domain, or an argument has the wrong type.
 
     Notes
     -----

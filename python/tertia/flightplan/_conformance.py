@@ -117,10 +117,9 @@ def conformance(
 
     Raises
     ------
-    ValueError
-        If shapes do not match, a number is infinite, or times do not increase.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If shapes do not match, a number is infinite, times do not increase, or an argument has the
+        wrong type.
 
     Notes
     -----
@@ -181,11 +180,9 @@ def estimate_times_over(
 
     Raises
     ------
-    ValueError
-        If shapes do not match, a number is infinite, times do not increase, or `speed_change_sigma`
-        is negative.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If shapes do not match, a number is infinite, times do not increase, `speed_change_sigma` is
+        negative, or an argument has the wrong type.
 
     Notes
     -----

@@ -116,10 +116,9 @@ def correlate(
 
     Raises
     ------
-    ValueError
-        If there is no plan, shapes do not match, or a number is infinite.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If there is no plan, shapes do not match, a number is infinite, or an argument has the wrong
+        type.
 
     Notes
     -----

@@ -147,11 +147,10 @@ class FlightPlan:
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than two waypoints, successive waypoints are equal, times do not
-        increase, a number is outside its domain, or shapes do not match.
-    TypeError
-        If an argument has the wrong type.
+        increase, a number is outside its domain, shapes do not match, or an argument has the wrong
+        type.
 
     Notes
     -----

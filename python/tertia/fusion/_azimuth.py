@@ -39,11 +39,9 @@ def common_azimuth(
 
     Raises
     ------
-    ValueError
-        If shapes do not fit, a number is not finite or not positive where it must be, or the target
-        is at the origin.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If shapes do not fit, a number is not finite or not positive where it must be, the target is
+        at the origin, or an argument has the wrong type.
 
     Examples
     --------

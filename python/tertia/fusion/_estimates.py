@@ -386,11 +386,9 @@ def fuse_scalar(
     ------
     numpy.linalg.LinAlgError
         If the covariance is indefinite.
-    ValueError
-        If shapes do not fit, or a number is not finite, too large, or not positive where it must
-        be.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If shapes do not fit, a number is not finite, too large or not positive where it must be, or
+        an argument has the wrong type.
 
     Notes
     -----

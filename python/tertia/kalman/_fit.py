@@ -134,11 +134,10 @@ def fit_noise(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are too few plots, a line or parabola fits the plots exactly, shapes do not fit,
-        times decrease, or neither or both of `dt` and `time` are given.
-    TypeError
-        If an argument has the wrong type.
+        times decrease, neither or both of `dt` and `time` are given, or an argument has the wrong
+        type.
 
     Notes
     -----

@@ -91,11 +91,10 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If the variance is not positive, if it differs from the process noise by so much that no
-        digits are left, or if the model has no process noise and therefore no steady state.
-    TypeError
-        If an argument has the wrong type.
+        digits are left, if the model has no process noise and therefore no steady state, or if
+        an argument has the wrong type.
 
     Notes
     -----

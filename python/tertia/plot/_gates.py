@@ -89,11 +89,9 @@ def gates(
 
     Raises
     ------
-    ValueError
-        If the row does not exist or has no plot, if `table` was made from other plots, or if the
-        acceleration is not positive.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If the row does not exist or has no plot, if `table` was made from other plots, if the
+        acceleration is not positive, or if an argument has the wrong type.
 
     Notes
     -----
@@ -185,10 +183,8 @@ def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> 
 
     Raises
     ------
-    ValueError
-        If there is no such track, or it has no plots.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If there is no such track, it has no plots, or an argument has the wrong type.
 
     Examples
     --------

@@ -56,11 +56,9 @@ def calibrate(
 
     Raises
     ------
-    ValueError
-        If a shape is wrong, nothing was measured, a standard deviation is missing, or a number is
-        outside its domain.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If a shape is wrong, nothing was measured, a standard deviation is missing, a number is
+        outside its domain, or an argument has the wrong type.
 
     Warns
     -----

@@ -79,11 +79,9 @@ def register(
 
     Raises
     ------
-    ValueError
-        If there is no radar, if `tracks` was not made from these plots, or if the tracker raises an
-        error.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If there is no radar, if `tracks` was not made from these plots, if the tracker raises an
+        error, or if an argument has the wrong type.
 
     Notes
     -----

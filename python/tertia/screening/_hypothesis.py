@@ -99,10 +99,9 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
 
     Raises
     ------
-    ValueError
-        If y is empty, a value is not finite, sigma <= 0, or shapes do not broadcast.
-    TypeError
-        If an argument does not hold real numbers.
+    ValueError, TypeError
+        If y is empty, a value is not finite, sigma <= 0, shapes do not broadcast, or an argument
+        does not hold real numbers.
 
     Examples
     --------
@@ -139,10 +138,9 @@ def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
 
     Raises
     ------
-    ValueError
-        If y has fewer than 2 measurements, a value is not finite, or shapes do not broadcast.
-    TypeError
-        If an argument does not hold real numbers.
+    ValueError, TypeError
+        If y has fewer than 2 measurements, a value is not finite, shapes do not broadcast, or an
+        argument does not hold real numbers.
 
     Examples
     --------
@@ -174,10 +172,9 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
 
     Raises
     ------
-    ValueError
-        If there are fewer than 3 measurements, or one is not finite.
-    TypeError
-        If `y` does not hold real numbers.
+    ValueError, TypeError
+        If there are fewer than 3 measurements, one is not finite, or `y` does not hold real
+        numbers.
 
     Examples
     --------
@@ -209,11 +206,9 @@ def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than 3 measurements, one is not finite, or the significance is outside
-        (0, 1).
-    TypeError
-        If `y` does not hold real numbers.
+        (0, 1), or `y` does not hold real numbers.
 
     Examples
     --------
@@ -252,11 +247,10 @@ def cochran(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than 2 variances, one is negative or not finite, all are zero, the
-        degrees of freedom are not between 1 and 1e9, or the significance is outside (0, 1).
-    TypeError
-        If `variances` does not hold real numbers.
+        degrees of freedom are not between 1 and 1e9, the significance is outside (0, 1), or
+        `variances` does not hold real numbers.
 
     Examples
     --------
@@ -306,10 +300,9 @@ def critical_value(
 
     Raises
     ------
-    ValueError
-        If n is too small for the test, the significance is outside (0, 1), or the test is unknown.
-    TypeError
-        If a number has the wrong type.
+    ValueError, TypeError
+        If n is too small for the test, the significance is outside (0, 1), the test is unknown, or
+        a number has the wrong type.
 
     Examples
     --------
@@ -355,10 +348,8 @@ def false_alarm_probability(
 
     Raises
     ------
-    ValueError
-        If n is too small for the test, k <= 0, or the test is unknown.
-    TypeError
-        If a number has the wrong type.
+    ValueError, TypeError
+        If n is too small for the test, k <= 0, the test is unknown, or a number has the wrong type.
 
     Examples
     --------

@@ -87,10 +87,9 @@ def leave_one_out_statistics(
 
     Raises
     ------
-    ValueError
-        If there are fewer than 3 measurements, or one is not finite.
-    TypeError
-        If `y` does not hold real numbers.
+    ValueError, TypeError
+        If there are fewer than 3 measurements, one is not finite, or `y` does not hold real
+        numbers.
 
     Examples
     --------
@@ -130,10 +129,9 @@ def leave_one_out_mask(
 
     Raises
     ------
-    ValueError
-        If there are fewer than 3 measurements, one is not finite, or k <= 0.
-    TypeError
-        If `y` does not hold real numbers.
+    ValueError, TypeError
+        If there are fewer than 3 measurements, one is not finite, k <= 0, or `y` does not hold real
+        numbers.
 
     Examples
     --------
@@ -191,14 +189,12 @@ def leave_one_out(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than 3 measurements, one is not finite, deviations are too large or too
         small to be squared, k <= 0, a string is not one of the allowed values, fewer than 2
         measurements are left, or several passes are requested with a k so small that they would
         flag the whole sample (below 2.5 if outliers are replaced, below 1.7321 if they are
-        excluded).
-    TypeError
-        If `y` does not hold real numbers.
+        excluded), or `y` does not hold real numbers.
 
     Examples
     --------
@@ -258,12 +254,10 @@ def k_sigma(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than 2 measurements, one is not finite, deviations are too large or too
-        small to be squared, k <= 0, a string is not one of the allowed values, or too few
-        measurements are left.
-    TypeError
-        If `y` does not hold real numbers.
+        small to be squared, k <= 0, a string is not one of the allowed values, too few measurements
+        are left, or `y` does not hold real numbers.
 
     Examples
     --------
@@ -330,11 +324,9 @@ def bursts(
 
     Raises
     ------
-    ValueError
-        If there are fewer than 3 measurements, one is not finite, or a parameter is outside its
-        domain.
-    TypeError
-        If `y` does not hold real numbers.
+    ValueError, TypeError
+        If there are fewer than 3 measurements, one is not finite, a parameter is outside its
+        domain, or `y` does not hold real numbers.
 
     Examples
     --------
@@ -483,10 +475,9 @@ def unwrap_about_median(
 
     Raises
     ------
-    ValueError
-        If there are no angles, one is not finite, or period <= 0.
-    TypeError
-        If `theta` does not hold real numbers.
+    ValueError, TypeError
+        If there are no angles, one is not finite, period <= 0, or `theta` does not hold real
+        numbers.
 
     Examples
     --------

@@ -33,11 +33,9 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
     ------
     numpy.linalg.LinAlgError
         If a covariance is indefinite, or some are singular in the same direction.
-    ValueError
-        If a shape is wrong, a matrix is not symmetric, an element is not finite, or a variance is
-        not positive.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If a shape is wrong, a matrix is not symmetric, an element is not finite, a variance is not
+        positive, or an argument has the wrong type.
 
     Notes
     -----
@@ -103,10 +101,8 @@ def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
 
     Raises
     ------
-    ValueError
-        If a number is not finite, or a sigma is not positive.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If a number is not finite, a sigma is not positive, or an argument has the wrong type.
 
     Examples
     --------

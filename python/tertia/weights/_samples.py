@@ -50,11 +50,10 @@ def sample_covariance(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If there are fewer than two measurements, a number is not finite, shapes do not fit, both
-        `mean` and `differences` are given, or the divisor is not positive.
-    TypeError
-        If an argument has the wrong type.
+        `mean` and `differences` are given, the divisor is not positive, or an argument has the
+        wrong type.
 
     Examples
     --------
@@ -105,10 +104,9 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
 
     Raises
     ------
-    ValueError
-        If n is not a whole number of at least 2, or the convention is unknown.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If n is not a whole number of at least 2, the convention is unknown, or an argument has the
+        wrong type.
 
     Notes
     -----
@@ -195,11 +193,9 @@ def shrink_covariance(
 
     Raises
     ------
-    ValueError
-        If shapes do not fit, or a number is not finite, too small, or not positive where it must
-        be.
-    TypeError
-        If an argument has the wrong type.
+    ValueError, TypeError
+        If shapes do not fit, a number is not finite, too small or not positive where it must be, or
+        an argument has the wrong type.
 
     Notes
     -----
