@@ -192,9 +192,9 @@ def leave_one_out(
     ValueError, TypeError
         If there are fewer than 3 measurements, one is not finite, deviations are too large or too
         small to be squared, k <= 0, a string is not one of the allowed values, fewer than 2
-        measurements are left, or several passes are requested with a k so small that they would
-        flag the whole sample (below 2.5 if outliers are replaced, below 1.7321 if they are
-        excluded), or `y` does not hold real numbers.
+        measurements are left, `y` does not hold real numbers, or several passes are requested with
+        a k so small that they would flag the whole sample (below 2.5 if outliers are replaced,
+        below 1.7321 if they are excluded).
 
     Examples
     --------

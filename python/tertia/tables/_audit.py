@@ -192,10 +192,9 @@ def audit(
     RecordError
         If a column is missing, a cell cannot be understood, a covariance is not positive definite,
         or no estimate has a true value.
-    ValueError
-        If an argument is outside its domain, or a required one is missing.
-    TypeError
-        If the table is of an unsupported kind.
+    ValueError, TypeError
+        If an argument is outside its domain, a required one is missing, or the table is of an
+        unsupported kind.
 
     Notes
     -----

@@ -104,10 +104,9 @@ def bearing(
     RecordError
         If a column is missing, has the name of a column of the result, or does not contain numbers,
         or if a measurement is infinite.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    ValueError, TypeError
+        If an option is outside its domain or has the wrong type, or the table is of an unsupported
+        kind.
 
     Examples
     --------

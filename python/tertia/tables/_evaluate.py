@@ -115,10 +115,9 @@ def evaluate(
     RecordError
         If a column is missing, a cell cannot be understood, or a covariance is not positive
         definite.
-    ValueError
-        If an argument is outside its domain, or a required one is missing.
-    TypeError
-        If the table is of an unsupported kind.
+    ValueError, TypeError
+        If an argument is outside its domain, a required one is missing, or the table is of an
+        unsupported kind.
 
     Examples
     --------

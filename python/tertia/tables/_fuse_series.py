@@ -158,10 +158,9 @@ def fuse_series(
         If a column is missing, does not hold numbers or is given for two purposes; if a plot has
         no time or no sensor; if there are two plots of one target by one sensor at one time; or if
         there are too few plots to estimate the values that are not given.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    ValueError, TypeError
+        If an option is outside its domain or has the wrong type, or the table is of an unsupported
+        kind.
 
     Examples
     --------

@@ -156,10 +156,9 @@ def locate(
     RecordError
         If a column is missing, a cell cannot be understood, a measurement is impossible or appears
         twice, or a sigma is not stated.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    ValueError, TypeError
+        If an option is outside its domain or has the wrong type, or the table is of an unsupported
+        kind.
 
     Examples
     --------

@@ -242,10 +242,9 @@ def track(
     RecordError
         If a column or a time is missing, a sensor is not among `sensors`, or a cell cannot be
         understood.
-    ValueError
-        If an option is outside its domain.
-    TypeError
-        If the table is of an unsupported kind, or an option has the wrong type.
+    ValueError, TypeError
+        If an option is outside its domain or has the wrong type, or the table is of an unsupported
+        kind.
 
     Warns
     -----
