@@ -23,6 +23,7 @@ from tertia.cli.commands import bearing
 from tertia.cli.files import read
 from tertia.cli.files import write as writing
 
+COLUMNS = ["count", "missing", "azimuth_deg", "azimuth_sigma_deg", "outlier_count", "polarity"]
 EXAMPLE = EXAMPLES / "bearings.csv"
 DIFAR = DATA / "difar/bearings.csv"
 MIN_COUNT = 5
@@ -61,15 +62,7 @@ def test_numbers_are_those_of_the_library_for_every_method(
         write(column(theta)), tmp_path, "--method", method, "--block-size", 7, "--k", 2.2
     )
     expected = tertia.estimate_bearing(theta, method=method, block_size=7, k=2.2)  # type: ignore[arg-type]
-    assert table.columns == [
-        "count",
-        "missing",
-        "azimuth_deg",
-        "azimuth_sigma_deg",
-        "outlier_count",
-        "polarity",
-        "note",
-    ]
+    assert table.columns == [*COLUMNS, "note"]
     assert table.rows() == [
         (
             60,
@@ -188,15 +181,7 @@ def test_command_of_the_demo(tmp_path: Path) -> None:
     command += ["--by", "target", "--plot", picture]
     done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True, env=utf8())
     header, *rows = table(done.stdout)
-    assert header == [
-        "target",
-        "count",
-        "missing",
-        "azimuth_deg",
-        "azimuth_sigma_deg",
-        "outlier_count",
-        "polarity",
-    ]
+    assert header == ["target", *COLUMNS]
     theta = pl.read_csv(EXAMPLE).filter(target="north")["azimuth_deg"]
     expected = tertia.estimate_bearing(theta)
     outlier_count, polarity = expected.outlier.sum(), expected.polarity
