@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from checks import in_region
-from trajectory.test_one_wrong import SIGMA, TIME, ring
+from trajectory.test_one_wrong import SIGMA, TIME, ranging
 
 from tertia.location import Station
 from tertia.trajectory import reconstruct
@@ -12,7 +12,7 @@ from tertia.trajectory import reconstruct
 def run(seed, share, count, sign=1.0):
     """Return a path and its errors, with this share of late ranges, and which are late."""
     rng = np.random.default_rng([31, seed])
-    places, path, ranges = ring(rng, count)
+    places, path, ranges = ranging(rng, count)
     late = rng.random(ranges.shape) < share
     ranges += sign * late * rng.exponential(20 * SIGMA, ranges.shape)
     track = reconstruct([Station(p, range_sigma=SIGMA) for p in places], TIME, range=ranges)
