@@ -143,3 +143,49 @@ def test_an_error_is_no_full_circle() -> None:
     assert np.asarray(found.bias.azimuth_sigma)[0] < np.radians(6.0)
     error = found.position - emitter
     assert in_region(error, found.covariance)
+
+
+def flights(
+    rng: np.random.Generator, offset: float
+) -> tuple[list[Station], FloatArray, FloatArray]:
+    """Return four finders on straight paths, their bearings and the emitter."""
+    emitter = rng.uniform(200, 800, 2)
+    each: list[Station] = []
+    azimuth = []
+    for name in "abcd":
+        start, way = rng.uniform(0, 1000, 2), rng.uniform(-300, 300, 2)
+        path = start + way * np.arange(8)[:, np.newaxis] / 8
+        each += stations(path, name)
+        azimuth.append(bearings(rng, path, emitter, offset * rng.standard_normal()))
+    return each, np.concatenate(azimuth), emitter
+
+
+@pytest.mark.parametrize("stated", [None, 1.5 * SIGMA])
+def test_several_sensors_are_each_misaligned(stated: float | None) -> None:
+    inside, within = [], []
+    for seed in range(100):
+        rng = np.random.default_rng([616, seed])
+        each, azimuth, emitter = flights(rng, 1.5 * SIGMA)
+        bias = None if stated is None else Bias(azimuth_sigma=stated)
+        found = locate(each, azimuth=azimuth, bias=bias)
+        inside.append(in_region(found.position - emitter, found.covariance))
+        within.append(np.max(found.bias.azimuth_sigma) if found.bias is not None else 0.0)
+    # estimated one after another, the errors are not seen to be uncertain together
+    assert np.mean(inside) >= (0.85 if stated is None else 0.9)
+    assert np.median(within) > 0.2 * SIGMA
+
+
+def test_several_sensors_without_errors() -> None:
+    inside = []
+    for seed in range(60):
+        each, azimuth, emitter = flights(np.random.default_rng([617, seed]), 0.0)
+        found = locate(each, azimuth=azimuth)
+        inside.append(in_region(found.position - emitter, found.covariance))
+    assert np.mean(inside) >= 0.92
+
+
+def test_common_errors_are_not_taken_for_degrees() -> None:
+    # turned into degrees, the few bearings of each path would nearly agree anywhere far away
+    for seed in range(30):
+        each, azimuth, _ = flights(np.random.default_rng([618, seed]), 1.5 * SIGMA)
+        locate([Station(one.position, azimuth_sigma=SIGMA) for one in each], azimuth=azimuth)

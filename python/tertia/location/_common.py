@@ -14,13 +14,12 @@ import numpy.typing as npt
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._bias import ERRORS, Given
 from tertia.location._result import Location
+from tertia.location._several import TUKEY, several_errors
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import KINDS
 
 # fewest places of a sensor at which its error is looked for
 _FEWEST = 3
-# of Tukey's biweight
-_TUKEY = 4.685
 # errors that are tried at first, in standard deviations of the prior, and their number
 _SPAN, _POINTS = 30.0, 61
 # and the largest error of an angle: beyond a half circle, errors are those of the other side
@@ -30,8 +29,6 @@ _WIDEST = np.pi / 2
 _ROUNDS, _FALL = 4, 12.0
 # prior probability that an error is 0
 _NONE = 0.25
-# times that the errors of several sensors are found in turn
-_TURNS = 3
 # least number of places along a path; mean and largest distance of successive ones, relative to the
 # mean distance of all
 _PLACES, _STEP, _LARGEST = 6, 0.5, 0.7
@@ -182,26 +179,48 @@ def _common_errors(
     is at 0, and the rest has Cauchy's distribution, as wide as the random error of a measurement.
     """
     sigmas = deviations.copy()
-
-    def solve(several: FloatArray) -> Any:
-        return core(several, sigmas)
-
     for group in groups:
         row = KINDS.index(group.kind), group.stations
         known = np.nan_to_num(group.sigma)
         sigmas[row] = np.sqrt(np.maximum(sigmas[row] ** 2 - known**2, 0.0))
-    marginals: list[_Marginal | None] = [None] * len(groups)
-    for _ in range(_TURNS if len(groups) > 1 else 1):
-        for i, group in enumerate(groups):
-            rest = values
-            for other, found in zip(groups, marginals, strict=True):
-                if found is not None and other is not group:
-                    rest = other.taken(rest, np.array([found.error]))[0]
-            marginals[i] = _marginal(group, rest, sigmas, solve)
-            if marginals[i] is None:
-                return None
-    known = [one for one in marginals if one is not None]
-    return _collected(groups, known, (values, sigmas), solve)
+    if len(groups) > 1:
+        return _errors_together(groups, values, sigmas, core)
+    (group,) = groups
+    found = _marginal(group, values, sigmas, lambda several: core(several, sigmas))
+    if found is None:
+        return None
+    values = group.taken(values, np.array([found.error]))[0]
+    own = core(values[np.newaxis], sigmas)[1][0]
+    whole = found.factor * own + found.added
+    errors = np.array([found.error]), np.array([found.variance])
+    return _collected(groups, errors, (values, sigmas), (own, whole))
+
+
+def _errors_together(
+    groups: Sequence[_Group], values: FloatArray, sigmas: FloatArray, core: Core
+) -> Common | None:
+    """Estimate the errors of several groups."""
+
+    def taken(errors: FloatArray) -> FloatArray:
+        rows = np.repeat(values[np.newaxis], len(errors), axis=0)
+        for group, each in zip(groups, errors.T, strict=True):
+            rows[:, KINDS.index(group.kind), group.stations] -= each[:, np.newaxis]
+        return rows
+
+    def solve(errors: FloatArray, factor: float) -> Any:
+        found = core(taken(errors), factor * sigmas)
+        return found[:3] if np.isfinite(found[0]).all() else None
+
+    units = np.array(
+        [np.median(sigmas[KINDS.index(group.kind), group.stations]) for group in groups]
+    )
+    found = several_errors(units, np.array([group.sigma for group in groups]), solve)
+    if found is None:
+        return None
+    errors, variances, whole = found
+    without = taken(errors[np.newaxis])[0]
+    own = core(without[np.newaxis], sigmas)[1][0]
+    return _collected(groups, (errors, variances), (without, sigmas), (own, whole))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,30 +280,30 @@ def _costs(residual: FloatArray, unknown: int) -> tuple[FloatArray, FloatArray]:
     """Return half of the robust sum of squares of whitened residuals, and the noise factor²."""
     squares = residual.reshape(len(residual), -1) ** 2
     missing = np.isnan(squares)
-    near = np.minimum(squares / _TUKEY**2, 1.0)
-    cost = np.where(missing, 0.0, _TUKEY**2 / 6 * (1 - (1 - near) ** 3)).sum(axis=1)
+    near = np.minimum(squares / TUKEY**2, 1.0)
+    cost = np.where(missing, 0.0, TUKEY**2 / 6 * (1 - (1 - near) ** 3)).sum(axis=1)
     cost[missing.all(axis=1)] = np.inf
-    kept = ~missing & (squares < _TUKEY**2)
+    kept = ~missing & (squares < TUKEY**2)
     total = np.where(kept, squares, 0.0).sum(axis=1)
     return cost, total / np.maximum(kept.sum(axis=1) - unknown, 1)
 
 
 def _collected(
     groups: Sequence[_Group],
-    marginals: Sequence[_Marginal],
+    found: tuple[FloatArray, FloatArray],
     rows: tuple[FloatArray, FloatArray],
-    solve: Solve,
+    covariances: tuple[FloatArray, FloatArray],
 ) -> Common | None:
-    values, sigmas = rows
+    """Return what is found: errors with variances, measurements with sigmas, covariances.
+
+    The first covariance of the position is that without the errors, the second the whole one.
+    """
+    (values, sigmas), (own, whole) = rows, covariances
     errors: dict[Kind, FloatArray] = {}
     variances: dict[Kind, FloatArray] = {}
-    for group, found in zip(groups, marginals, strict=True):
-        for columns, value in ((errors, found.error), (variances, found.variance)):
+    for group, *each in zip(groups, *found, strict=True):
+        for columns, value in zip((errors, variances), each, strict=True):
             columns.setdefault(group.kind, np.zeros(values.shape[-1]))[group.stations] = value
-        values = group.taken(values, np.array([found.error]))[0]
-    _, covariance, *_ = solve(values[np.newaxis])
-    own = covariance[0]
-    whole = max(one.factor for one in marginals) * own + sum(one.added for one in marginals)
     ratio = np.linalg.det(whole) / np.linalg.det(own)
     if not (np.isfinite(ratio) and np.all(np.linalg.eigvalsh(whole) > 0)):
         return None

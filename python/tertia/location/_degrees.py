@@ -20,7 +20,8 @@ _CHANCES = 1e-3, 0.02
 _EVIDENCE = 4.0
 # share of outliers with which an instant still fits, and the mean square of what is left
 _FEW, _SQUARE = 0.25, 2.0
-# nobody measures radians so badly; it may be a sigma in degrees as well
+# nobody measures radians so badly; it may be a sigma in degrees as well, and if angles are degrees,
+# their residuals are larger
 _DIFFUSE = 0.2
 
 Columns = Sequence[npt.NDArray[Any]]
@@ -46,7 +47,7 @@ def warn_if_degrees(
     tried, agrees = _agreement(found[-1], _CHANCES[0])
     if not tried or agrees >= _SHARES[0] * tried:
         return
-    fits = _agrees(found[-1], _CHANCES[0]) | _fits_without_few(found)
+    fits = _agrees(found[-1], _CHANCES[0]) | _fits_without_few(found) | _is_near(found, sigmas)
     if np.count_nonzero(fits) >= _SHARES[0] * tried:
         return
     angles = [KINDS.index(kind) for kind in KINDS if kind in ANGLES]
@@ -67,6 +68,19 @@ def warn_if_degrees(
                 stacklevel=3,
             )
             return
+
+
+def _is_near(found: Found, sigmas: FloatArray) -> BoolArray:
+    """Return at which instants nearly all angles are near those of the position.
+
+    They are if their errors are large, as those that several measurements have in common.
+    """
+    angles = [KINDS.index(kind) for kind in KINDS if kind in ANGLES]
+    residual = np.abs(found[2] * sigmas)[..., angles, :]
+    far = np.count_nonzero(residual > _DIFFUSE, axis=(-2, -1))
+    known = np.count_nonzero(np.isfinite(residual), axis=(-2, -1))
+    near: BoolArray = (found[-1][0] == 0) & (far <= _FEW * known)
+    return near
 
 
 def _is_usual(columns: Columns) -> bool:
