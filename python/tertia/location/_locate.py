@@ -27,7 +27,7 @@ from tertia._arrays import (
 from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._common import included, without_common
-from tertia.location._degrees import warn_if_degrees
+from tertia.location._doubts import doubt_numbers
 from tertia.location._height import anywhere, azimuths_alone, read_height, without_height
 from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
@@ -37,7 +37,7 @@ from tertia.location._sides import warn_if_mirrored
 from tertia.location._speed import Speed
 from tertia.location._wind import Wind, read_medium
 from tertia.sensors import Bias, Kind, Station
-from tertia.sensors._kinds import ANGLES, KINDS
+from tertia.sensors._kinds import KINDS
 from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
@@ -195,7 +195,8 @@ def locate(
     Warns
     -----
     UserWarning
-        If most angles contradict each other when read as radians, but agree when read as degrees.
+        If most angles contradict each other when read as radians, but agree when read as degrees,
+        or if most measurements would agree in another unit, or with another zero or direction.
         If stations without names that measure azimuths lie along a path in their order.
         If most instants of a batch are ambiguous, and the stations are near a level plane.
 
@@ -358,8 +359,8 @@ def locate(
     )
     solve = solver(grows)
     *result, (growth, factor, redundancies, missing), found = solve(*rows[2:4])
-    if not degrees and any(kind in measured for kind in ANGLES):
-        warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
+    nearly = partial(_nearly_as_stated, solve, pools or unknown)
+    doubt_numbers(result, *rows[2:4], nearly, degrees=degrees)
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = included(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.geo import LocalFrame
 from tertia.location import LIGHT, Location, locate
-from tertia.sensors import Bias, ByKind, Kind, Station
+from tertia.location._conventions import CONVENTIONS, Convention
+from tertia.sensors import Bias, ByKind, Station
 from tertia.tables._doubts import doubt
 from tertia.tables._heights import given_heights
 from tertia.tables._measurements import Target, taken
@@ -32,48 +33,6 @@ _MANY, _FAR = 0.5, 2.0
 
 # options that decide whether measurements agree
 _TRIED = ("propagation_speed", "propagation_speed_sigma", "wind_sigma", "multipath")
-
-Change = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True, slots=True)
-class Convention:
-    """Another meaning of the numbers of one kind, and how to get from it to the usual one."""
-
-    kind: Kind
-    said: str
-    usual: Change
-
-
-_QUARTER = math.pi / 2
-CONVENTIONS = (
-    Convention(
-        "azimuth",
-        "anticlockwise from east, or if east and north of the sensors were exchanged",
-        lambda angle: _QUARTER - angle,
-    ),
-    Convention("azimuth", "anticlockwise from north", lambda angle: -angle),
-    Convention(
-        "azimuth",
-        "clockwise from south, or if they were directions from the target to the sensor",
-        lambda angle: angle + math.pi,
-    ),
-    Convention("azimuth", "in gradians, 400 to a turn", lambda angle: 0.9 * angle),
-    Convention("elevation", "measured from the zenith", lambda angle: _QUARTER - angle),
-    Convention("elevation", "positive downwards", lambda angle: -angle),
-    Convention("range", "there and back", lambda metres: metres / 2),
-    Convention("range", "in feet", lambda feet: 0.3048 * feet),
-    Convention("range", "in millimetres", lambda millimetres: millimetres / 1000.0),
-    Convention("range", "in centimetres", lambda centimetres: centimetres / 100.0),
-    Convention("range", "in kilometres", lambda kilometres: 1000.0 * kilometres),
-    Convention("range", "in nautical miles", lambda miles: 1852.0 * miles),
-    Convention(
-        "range_difference",
-        "the range of the first sensor minus that of the other one",
-        lambda metres: -metres,
-    ),
-)
-_NAMES = {"range_difference": "range differences"}
 
 
 def doubt_conventions(targets: Sequence[Target], options: Mapping[str, Any]) -> None:
@@ -97,11 +56,7 @@ def doubt_conventions(targets: Sequence[Target], options: Mapping[str, Any]) -> 
             if found > best and worth >= _EVIDENCE:
                 best, meant = found, one
     if meant is not None and best >= max(_SHARE, share + _GAIN):
-        names = _NAMES.get(meant.kind, f"{meant.kind}s")
-        doubt(
-            f"the {names} contradict each other at most instants, and would agree if they were "
-            f"{meant.said}"
-        )
+        doubt(meant.message)
 
 
 @dataclass(frozen=True, slots=True)

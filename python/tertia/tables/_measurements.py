@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.location._conventions import CONTRADICTION
 from tertia.location._readers import NOISE
 from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
@@ -209,11 +211,14 @@ def each_of(targets: Iterable[Target], estimate: Callable[[Target], T]) -> list[
     """Return the estimates of all targets; leave out, with a warning, those that have none."""
     found: list[T] = []
     failed: list[RecordError] = []
-    for target in targets:
-        try:
-            found.append(estimate(target))
-        except RecordError as error:
-            failed.append(error)
+    with warnings.catch_warnings():
+        # it is said once, of all targets
+        warnings.filterwarnings("ignore", f".*{CONTRADICTION}")
+        for target in targets:
+            try:
+                found.append(estimate(target))
+            except RecordError as error:
+                failed.append(error)
     if failed and not found:
         raise failed[0]
     for reason in failed[:_SAID]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from tertia._arrays import FloatArray, IntArray
+from tertia.location._conventions import CONVENTIONS, Change
 from tertia.sensors import PositionSensor, Radar
 from tertia.sensors._identities import is_known
-from tertia.tables._conventions import CONVENTIONS, Change
 from tertia.tables._doubts import doubt
 from tertia.tables._sensors import Sensors
 from tertia.tracker import Plots

@@ -10,7 +10,7 @@ import numpy as np
 
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
-from tertia.location._degrees import warn_if_degrees
+from tertia.location._doubts import doubt_numbers
 from tertia.sensors._kinds import KINDS
 from tertia.trajectory._speed import height_rows, instants
 
@@ -162,8 +162,8 @@ def _warn_of_sides(found: dict[str, Any]) -> None:
             warnings.warn(remark, UserWarning, stacklevel=4)
 
 
-def doubt_radians(record: dict[str, Any], found: dict[str, Any]) -> None:
-    """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
+def doubt_measurements(record: dict[str, Any], found: dict[str, Any], *, degrees: bool) -> None:
+    """Warn if single instants contradict themselves, and would agree under another convention."""
     values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
         *(None, height_rows(record), None, ("robust", 3), (True, record["correlation"])),
@@ -178,4 +178,4 @@ def doubt_radians(record: dict[str, Any], found: dict[str, Any]) -> None:
     fixes = found.get("fixes")
     if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
         fixes = solve(values, known)
-    warn_if_degrees(fixes, values, known, solve)
+    doubt_numbers(fixes, values, known, solve, degrees=degrees)

@@ -39,7 +39,7 @@ from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
-from tertia.trajectory._doubts import doubt_radians, warn_of_path
+from tertia.trajectory._doubts import doubt_measurements, warn_of_path
 from tertia.trajectory._height import (
     fields_of,
     in_space,
@@ -190,7 +190,8 @@ def reconstruct(
     Warns
     -----
     UserWarning
-        If most angles contradict each other when read as radians, but agree when read as degrees.
+        If most angles contradict each other when read as radians, but agree when read as degrees,
+        or if most measurements would agree in another unit, or with another zero or direction.
         If more than half of the measurements, or of the heights, or all of a kind are left out.
         If the path and its mirror image below the stations fit the measurements equally well, if no
         path above the stations fits, or if a path that crosses their plane would be smoother.
@@ -392,8 +393,7 @@ def reconstruct(
         record, medium, arrivals, prior["bias_sigma"][:-k], threads(n_threads)
     )
     found = _core.reconstruct(record, steps, threads(n_threads))
-    if not degrees and any(kind in measured for kind in ANGLES):
-        doubt_radians(record, found)
+    doubt_measurements(record, found, degrees=degrees)
     if found["failure"] is not None:
         _raise(found["failure"], stations)
     found = in_space(found) if flat else found
