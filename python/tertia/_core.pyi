@@ -306,7 +306,7 @@ class PlotTracker:
     ) -> PlotTracker: ...
     def track(
         self,
-        plots: Plots,
+        plots: tuple[Plots, Plots],
         time: FloatArray,
         end: float | None,
         rows: str,

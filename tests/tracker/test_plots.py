@@ -1,9 +1,12 @@
 """Plots: into the plane, and which of them cannot be used."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tracker.flights import RADAR, line, scene
 
+from tertia import simulate
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, track
 
 
@@ -162,6 +165,28 @@ def test_duplicates_make_no_second_track():
     shifted = plots.range[near] + 40.0 * np.diff(near, prepend=-1).astype(bool)
     found = track(Plots(plots.time[near], shifted, plots.azimuth[near]), [RADAR])
     assert len(np.unique(found.track)) == 1
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_copies_with_later_times_are_no_plots_of_their_own(count):
+    """As from a second network line, which stamps its own times; radars are registered."""
+    radars = [replace(RADAR, position=[2e4 * k, 0.0]) for k in range(count)]
+    traffic = simulate.dense_traffic(8, area=(6e4, 6e4), rng=5)
+    plots = simulate.radar_plots(traffic, radars, rng=6).plots
+    later = plots.time + np.random.default_rng(7).uniform(0.2, 1.5, len(plots))
+    row, time = np.tile(np.arange(len(plots)), 2), np.append(plots.time, later)
+    twice = replace(plots[row], time=time)
+    found, alone = track(twice, radars), track(plots, radars)
+    assert np.mean(found.track_of_plot[len(plots) :] == PlotStatus.DUPLICATE) > 0.97
+    assert len(np.unique(found.track)) == len(np.unique(alone.track))
+    tracker, order = Tracker(radars), np.argsort(time)
+    parts = np.split(order, np.searchsorted(time[order], np.arange(1.0, time.max())))
+    tables = [tracker.update(twice[part]) for part in parts]
+    numbers = np.concatenate([table.track for table in tables])
+    assert len(np.unique(numbers)) == len(np.unique(alone.track[alone.confirmed]))
+    # in the next scan, a plot at the same place is a new one
+    standing = Plots(RADAR.scan_period * np.arange(9.0), 40e3, 0.5)
+    assert np.all(track(standing, [RADAR]).track_of_plot != PlotStatus.DUPLICATE)
 
 
 def test_the_order_of_plots_does_not_matter():

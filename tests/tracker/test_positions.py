@@ -388,6 +388,34 @@ def test_copies_of_reports_with_the_same_time_do_no_harm():
     assert np.mean(table.track_of_plot == 1) > 0.99
 
 
+@pytest.mark.parametrize("identity", [-1, 7])
+@pytest.mark.parametrize("lag", [0.0, 5.0])
+def test_rows_that_come_twice_are_one_report(identity, lag):
+    """As in a recording that was written twice."""
+    time = np.arange(0.0, 120.0)
+    noise = np.random.default_rng(8).normal(0.0, 5.0, (120, 2))
+    place = np.column_stack([100.0 * time, 20.0 * time]) + noise
+    once = Plots(time, position=place, identity=identity)
+    thrice = Plots(np.tile(time, 3), position=np.tile(place, (3, 1)), identity=identity)
+    sensor = PositionSensor(position_sigma=5.0)
+    alone, copied = (track(plots, [sensor], lag=lag) for plots in (once, thrice))
+    np.testing.assert_array_equal(copied.position, alone.position)
+    np.testing.assert_array_equal(copied.covariance, alone.covariance)
+
+
+def test_positions_of_two_sensors_without_identities_count_once():
+    time, late = np.arange(0.0, 120.0), 0.3
+    noise = np.random.default_rng(9).normal(0.0, 5.0, (120, 2))
+    place = np.column_stack([100.0 * time, 20.0 * time]) + noise
+    sensors = [PositionSensor(position_sigma=5.0, bias=Bias()) for _ in range(2)]
+    twice = Plots(
+        np.append(time, time + late), position=np.tile(place, (2, 1)), sensor=np.repeat([0, 1], 120)
+    )
+    table = track(twice, sensors)
+    assert np.all(table.track_of_plot[120:] == PlotStatus.DUPLICATE)
+    np.testing.assert_array_equal(table.position, track(twice[:120], sensors).position)
+
+
 def test_an_old_position_that_is_reported_again_is_not_used():
     random = np.random.default_rng(4)
     time = np.arange(0.0, 200.0)

@@ -218,7 +218,7 @@ class Registrar:
         first, begin = core.plots, table.count
         self.prepare(core)
         own = placed(self.correct(plots), self.sensors)
-        tracks = core.track(own, own.time, end, rows, table, n_threads)
+        tracks = core.track((own, plots), own.time, end, rows, table, n_threads)
         self.weigh_delays(core, recording=rows == "all")
         noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
         core.shift(*self.learn(plots, first, tracks, added, noise, time=time, alive=alive))

@@ -319,7 +319,7 @@ class Tracker:
     def _scan(self, plots: Plots, end: float | None, rows: str, table: TrackColumns) -> IntArray:
         """Add the rows of plots without systematic errors; return the tracks of the plots."""
         plots = placed(plots, self.sensors)
-        return self._core.track(plots, plots.time, end, rows, table, self.n_threads)
+        return self._core.track((plots, plots), plots.time, end, rows, table, self.n_threads)
 
     def _registered(
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool

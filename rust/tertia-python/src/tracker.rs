@@ -122,19 +122,22 @@ impl PlotTracker {
 
     /// Processes plots at these times, until `end`. The rows added to the table are those of the tracks
     /// that are "confirmed" by then, those of "all" tracks, or, for a "recording", all rows of the tracks
-    /// that are confirmed by its end. Returns the track of each plot.
+    /// that are confirmed by its end. The plots are given twice: corrected, and as they were measured. Returns
+    /// the track of each plot.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn track<'py>(
         &mut self,
         py: Python<'py>,
-        plots: Columns<'py>,
+        plots: (Columns<'py>, Columns<'py>),
         time: Input<'py>,
         end: Option<f64>,
         rows: &str,
         table: &TrackColumns,
         n_threads: Threads,
     ) -> PyResult<Integers<'py>> {
-        let plots = plots.read(&time, self.0.tracker().radars())?;
+        let sensors = self.0.tracker().radars();
+        let given = plots.1.read(&time, sensors)?;
+        let plots = View { given: Some(&given), ..plots.0.read(&time, sensors)? };
         let (mut statuses, mut found) = (Vec::new(), table.take_rows(py, rows != "confirmed")?);
         let mut tracks = Vec::new();
         let done = release(py, plots.len() as f64 * PLOT_NS, || {
@@ -327,6 +330,8 @@ pub struct View<'a> {
     covariance: Option<Cow<'a, [f64]>>,
     velocity: Option<Cow<'a, [f64]>>,
     velocity_covariance: Option<Cow<'a, [f64]>>,
+    /// The same plots as they were measured, where these are corrected.
+    given: Option<&'a View<'a>>,
 }
 
 impl View<'_> {
@@ -401,6 +406,12 @@ impl Plots for View<'_> {
     }
 
     #[inline]
+    fn measured(&self, index: usize) -> [f64; 2] {
+        let own = self.given.unwrap_or(self);
+        [own.range[index], own.azimuth[index]]
+    }
+
+    #[inline]
     fn get(&self, index: usize) -> Plot {
         Plot {
             time: self.time[index],
@@ -434,6 +445,7 @@ impl Columns<'_> {
             covariance: values(&self.covariance, "covariance", 2)?,
             velocity: values(&self.velocity, "velocity", 1)?,
             velocity_covariance: values(&self.velocity_covariance, "velocity_covariance", 2)?,
+            given: None,
         };
         let count = view.len();
         let width = |column: &Option<Cow<'_, [f64]>>, of: usize| {

@@ -29,6 +29,7 @@ mod clutter;
 mod columns;
 mod common;
 mod control;
+mod copies;
 mod correlation;
 mod curve;
 mod delay;

@@ -356,12 +356,12 @@ impl LagTracker {
         let filed = self.journal.get(&step).map_or(&[][..], Vec::as_slice);
         let own = Own(&filed[..filed.partition_point(|(plot, _)| plot.time <= until)]);
         let mut statuses = Vec::new();
-        let order = self.tracker.order(&own, None, &mut statuses);
+        let index = |i: usize| own.0[i].1;
+        let order = self.tracker.order(&own, (None, index), &mut statuses);
         for ((_, index), status) in own.0.iter().zip(statuses) {
             sink.refuse(*index, status);
         }
         let levels = self.tracker.levels(&own, &order);
-        let index = |i: usize| own.0[i].1;
         let mut refused = Vec::new();
         let mut report = |plot: usize, status| match status {
             // the sink takes the tracks of plots from the rows

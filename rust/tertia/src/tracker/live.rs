@@ -242,9 +242,9 @@ impl Tracker {
     ) -> Result<()> {
         self.check(plots, end)?;
         statuses.clear();
-        let order = self.order(plots, refused, statuses);
-        let levels = self.levels(plots, &order);
         let first = self.plots;
+        let order = self.order(plots, (refused, |i| first + i), statuses);
+        let levels = self.levels(plots, &order);
         self.plots += plots.len();
         let last = order.last().map_or(self.time, |(time, _)| *time);
         let end = end.unwrap_or(last).max(last).max(self.time);
@@ -356,7 +356,7 @@ impl Tracker {
 
     /// Gives the last plots, if some were combined with others, the status of these.
     pub(super) fn resolve(&self, statuses: &mut [PlotStatus]) {
-        if self.settings.has_extents() {
+        if self.settings.has_extents() || self.settings.has_reports() {
             resolve(statuses, self.plots - statuses.len());
         }
     }

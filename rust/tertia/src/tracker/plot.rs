@@ -143,14 +143,6 @@ impl Plot {
         }
     }
 
-    /// Whether this plot repeats another one: same time, source and position in the plane.
-    pub(super) fn repeats(&self, other: &Self, radar: &Radar) -> bool {
-        let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
-        let source = self.radar == other.radar && self.identities == other.identities;
-        let same = self.report == other.report && place(self) == place(other);
-        self.time == other.time && source && same
-    }
-
     /// Orders plots by time, then by radar and all other contents, so that the order does not
     /// depend on when the plots arrived.
     pub(super) fn by_content(&self, other: &Self) -> Ordering {
@@ -188,6 +180,11 @@ pub trait Plots {
     /// Height of this plot, m; nan if there is none.
     fn height(&self, index: usize) -> f64 {
         self.get(index).height
+    }
+    /// Range and azimuth of this plot as they were measured, without corrections.
+    fn measured(&self, index: usize) -> [f64; 2] {
+        let plot = self.get(index);
+        [plot.range, plot.azimuth]
     }
     /// Whether there are none.
     fn is_empty(&self) -> bool {

@@ -1,6 +1,7 @@
 //! Targets that a position sensor reports repeatedly: old positions that are reported again, the interval
 //! between reports, and parts of the plots in which each target is reported once.
 
+use super::copies::{self, Copies};
 use super::geometry::Geometry;
 use super::plot::{Plot, Plots, stated};
 use super::settings::Settings;
@@ -13,8 +14,6 @@ const ERRORS: f64 = 3.0;
 /// Time between the two positions from which the speed of a target is known, s: at least this, if the sensor
 /// reports more often.
 const LEVER: f64 = 3.0;
-/// Longest time by which a second receiver stamps a message later, s.
-const COPIED: f64 = 0.5;
 /// Time for which the last position of a target is kept, s, and number of targets from which on old ones are
 /// removed.
 const KEPT: f64 = 600.0;
@@ -40,10 +39,7 @@ type Name = (u8, i64, usize);
 
 /// Returns the identity and the sensor of a report; none if its identity is not known, or is shared by many.
 fn name(plot: &Plot) -> Option<Name> {
-    let own = &plot.identities;
-    let kinds = [i64::from(own.icao_address), own.identity, own.callsign];
-    let known = kinds.into_iter().zip(0..).find(|(identity, _)| *identity >= 0);
-    known.map(|(identity, kind)| (kind, identity, plot.radar))
+    copies::name(plot).map(|(kind, identity)| (kind, identity, plot.radar))
 }
 
 /// Where a target was.
@@ -88,21 +84,19 @@ impl Reported {
     }
 }
 
-/// The last positions of the targets of position sensors.
+/// The last positions of the targets of position sensors, and the last plots of all sensors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Repeats {
+    pub copies: Copies,
     targets: BTreeMap<Name, Reported>,
 }
 
 impl Repeats {
     /// Whether a report, which comes after those before it, has exactly the last position of its target
-    /// although the target cannot be there any more, or is that of another sensor, such as a second receiver.
+    /// although the target cannot be there any more.
     pub fn is_old(&mut self, plot: &Plot, settings: &Settings) -> bool {
         let (Some(report), Some(name)) = (&plot.report, name(plot)) else { return false };
         let place = Place { position: report.position, time: plot.time };
-        if self.is_copy(name, place) {
-            return true;
-        }
         let Some(target) = self.targets.get_mut(&name) else {
             self.forget(plot.time);
             self.targets.insert(name, Reported { before: None, last: place });
@@ -123,15 +117,6 @@ impl Repeats {
             * (plot.time - target.last.time)
             < 0.5 * moved;
         moved > ERRORS * sigma && !is_slow
-    }
-
-    /// Whether another sensor has just reported the target in exactly this place.
-    fn is_copy(&self, (kind, identity, sensor): Name, place: Place) -> bool {
-        let all = self.targets.range((kind, identity, 0)..=(kind, identity, usize::MAX));
-        all.filter(|((.., other), _)| *other != sensor).any(|(_, target)| {
-            let since = (place.time - target.last.time).abs();
-            since <= COPIED && target.last.position == place.position
-        })
     }
 
     /// Removes targets that have not been reported for long, now and then.

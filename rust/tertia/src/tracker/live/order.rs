@@ -1,19 +1,21 @@
 //! The plots of a call that can be used.
 
+use super::super::copies::print;
 use super::super::plot::{Plot, PlotStatus, Plots, keep_followed};
 use super::Tracker;
 
 impl Tracker {
     /// Returns times and indices of the plots that can be used, in the order of time. If they come live, their
-    /// times were judged, and some were `refused`.
+    /// times were judged, and some were `refused`. `index` returns the index of a plot among all that were given.
     pub(in super::super) fn order<P: Plots + ?Sized>(
         &mut self,
         plots: &P,
-        refused: Option<&[usize]>,
+        (refused, index): (Option<&[usize]>, impl Fn(usize) -> usize),
         statuses: &mut Vec<PlotStatus>,
     ) -> Vec<(f64, usize)> {
         let mut order = Vec::with_capacity(plots.len());
         statuses.reserve(plots.len());
+        let mut prints = Vec::with_capacity(plots.len());
         for i in 0..plots.len() {
             let plot = plots.get(i);
             let radar = &self.settings.radars[plot.radar];
@@ -27,18 +29,15 @@ impl Tracker {
             if fault.is_none() {
                 order.push((plot.time, i));
             }
+            prints.push(print(&plot, plots.measured(i), &self.settings));
             statuses.push(fault.unwrap_or(Plot::unused(geometry)));
         }
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        order.dedup_by(|(time, next), (before, kept)| {
-            let same = time == before && {
-                let (plot, first) = (plots.get(*next), plots.get(*kept));
-                plot.repeats(&first, &self.settings.radars[plot.radar])
-            };
-            if same {
-                statuses[*next] = PlotStatus::Duplicate;
-            }
-            same
+        let (copies, settings) = (&mut self.repeats.copies, &self.settings);
+        order.retain(|&(time, i)| {
+            let status = copies.status(prints[i], (time, plots.radar(i), index(i)), settings);
+            statuses[i] = status.unwrap_or(statuses[i]);
+            status.is_none()
         });
         if refused.is_none() {
             self.refuse_strays(&mut order, statuses);
