@@ -152,7 +152,7 @@ class Multiple:
     acceleration, and the other two do not know of it.
     """
 
-    LIKELY, UNLIKELY, FADING, OTHER = 0.2, 0.05, 5000.0, 1000.0
+    LIKELY, UNLIKELY, FADING, OTHER, MOVES = 0.2, 0.05, 5000.0, 1000.0, 3.0
     # levels from which manoeuvres are more frequent and sharper
     FREQUENT, SHARP = 1.0, 2.0
 
@@ -263,8 +263,10 @@ class Multiple:
         f = straight(t)
         q = white(settings.straight_sigma**2 * period, t)
         self.straight = f @ a[0], f @ a[1] @ f.T + q
-        course = (self.speed if is_model else a)[0][2:4]
-        course = course / np.hypot(*course)
+        mean, covariance = self.speed if is_model else a
+        course = mean[2:4] / np.hypot(*mean[2:4])
+        # a target that may stand has no course
+        course *= np.hypot(*mean[2:4]) > self.MOVES * np.sqrt(np.trace(covariance[2:4, 2:4]) / 2)
         f = np.eye(5)
         f[:4, :4] = straight(t)
         f[:4, 4] = np.append(0.5 * t**2 * course, t * course)

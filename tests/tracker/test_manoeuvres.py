@@ -4,7 +4,7 @@ import numpy as np
 from checks import in_region
 from tracker.flights import RADAR, noisy
 
-from tertia.tracker import Plots, track
+from tertia.tracker import Plots, PositionSensor, track
 
 STEP = 0.1
 # 95 % of a chi-square of two degrees of freedom
@@ -74,3 +74,15 @@ def test_targets_that_appear_in_a_turn_may_have_turned_for_long():
     # .68 and 37 m/s if all targets have flown straight when they appear
     assert np.mean(inside) > 0.78
     assert np.sqrt(np.mean(np.square(errors))) < 28.0
+
+
+def test_a_target_that_stands_does_not_brake():
+    """As drones that hover and cars that wait: an acceleration must not explain the noise."""
+    time, random = np.arange(0.0, 120.0, 0.1), np.random.default_rng(3)
+    sensor = PositionSensor(position_sigma=0.15, update_interval=0.1)
+    for profile in ("drone", "road"):
+        place = random.normal([300.0, 50.0], 0.15, (len(time), 2))
+        found = track(Plots(time, position=place), [sensor], profile=profile)
+        found = found[found.time > 20.0]
+        assert np.mean(in_region(found.velocity, found.covariance[:, 2:, 2:])) > 0.95
+        assert np.sqrt(np.mean(np.sum(found.velocity**2, axis=1))) < 0.6

@@ -6,6 +6,20 @@ use nalgebra::SMatrix;
 
 /// Angle below which the functions of a turn are computed by their series, rad.
 const SMALL_ANGLE: f64 = 1e-3;
+/// Speed below which the course of a target counts less, m/s.
+const SLOWEST: f64 = 1.0;
+/// Speed in standard deviations below which a target may stand: an acceleration along the error of its velocity
+/// would only damp this error.
+const MOVES: f64 = 3.0;
+
+/// East and north of the course, a unit vector; zero if the target may stand.
+#[inline(always)]
+pub fn course(Estimate { mean, covariance: p }: &Estimate<4>) -> [f64; 2] {
+    let square = mean[2] * mean[2] + mean[3] * mean[3];
+    let moves = square > 0.5 * MOVES * MOVES * (p[(2, 2)] + p[(3, 3)]);
+    let speed = if moves { square.sqrt().max(SLOWEST) } else { f64::INFINITY };
+    [mean[2] / speed, mean[3] / speed]
+}
 
 /// Predicts straight and uniform motion with white acceleration of the spectral density `q`, m²/s³.
 #[inline(always)]

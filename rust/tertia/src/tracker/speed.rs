@@ -25,8 +25,6 @@ const NEGLIGIBLE: f64 = 0.005;
 const FADING: f64 = 5000.0;
 /// Mean time of a manoeuvre until one of the other kind follows immediately, s.
 const OTHER_TIME: f64 = 1000.0;
-/// Speed below which the course of a target counts less, m/s.
-const SLOWEST: f64 = 1.0;
 /// Limit of the logarithm of the likelihood ratio of a plot.
 const LARGEST: f64 = 50.0;
 
@@ -91,9 +89,8 @@ impl SpeedChange {
             self.begin(bank, model, changes, t);
             bank.mix(changes, model.turn_rate_sigma.powi(2));
         }
-        let [_, _, vx, vy] = self.basis(bank).mean.data.0[0];
-        let speed = (vx * vx + vy * vy).sqrt().max(SLOWEST);
-        let by = [0.5 * t * t * vx, 0.5 * t * t * vy, t * vx, t * vy].map(|v| v / speed);
+        let [x, y] = kinematics::course(self.basis(bank));
+        let by = [0.5 * t * t * x, 0.5 * t * t * y, t * x, t * y];
         bank.predict(model, t, period);
         if is_model {
             self.accelerate(&mut bank.plan, by, t, model.straight_sigma.powi(2) * period);
