@@ -2,6 +2,7 @@
 
 import dataclasses
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from registration.scenes import (
     ERRORS,
     KINDS,
     LIMITS,
+    PLACES,
     columns,
     constant,
     radars,
@@ -22,7 +24,7 @@ from tolerances import CHANCE
 from tertia import simulate
 from tertia.registration import calibrate, register
 from tertia.sensors import Bias, Station
-from tertia.tracker import Plots, track
+from tertia.tracker import Plots, Tracker, track
 
 
 def test_coverage_of_noise_and_errors():
@@ -206,3 +208,25 @@ def test_calibrations_that_are_refused(given, text):
     finder = Station([0.0, 0.0], range_sigma=5.0, azimuth_sigma=0.02)
     place = [[0.0, 1e3], [0.0, 2e3]]
     assert_refused(lambda: calibrate(finder, [0.0, 1.0], place, **given), ValueError, text)
+
+
+def test_a_position_that_is_wrong_is_told():
+    """The tracks of two radars agree after a rotation and a change of scale."""
+    stated = [replace(one, bias=None) for one in radars()[:2]]
+    true = [stated[0], replace(stated[1], position=PLACES[1] + [450.0, -350.0])]
+    traffic = simulate.dense_traffic(30, area=(1.5e5, 1.5e5), turning_share=0.1, rng=31)
+    plots = simulate.radar_plots(traffic, true, rng=32).plots
+    told = r"sensors\[0\], sensors\[1\]: all azimuths are .* as if one of .* 0\.5\d km from"
+    with pytest.warns(UserWarning, match=told):
+        register(plots, stated)
+    with pytest.warns(UserWarning, match=told):
+        track(plots, stated)
+    tracker, live = Tracker(stated), []
+    for begin in np.arange(0.0, plots.time.max(), 5.0):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            tracker.update(plots[(plots.time >= begin) & (plots.time < begin + 5.0)])
+        live += said
+    (one,) = live
+    assert "km from its position" in str(one.message)
+    track(plots, true)

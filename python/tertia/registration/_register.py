@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +18,7 @@ from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable
 from tertia.tracker._biases import columns_of, values_of, without_deviation
+from tertia.tracker._doubts import names_of, place_doubts
 from tertia.tracker._errors import Errors, equal_periods, errors, in_periods, with_bias
 from tertia.tracker._models import with_heights
 from tertia.tracker._recording import tracked
@@ -82,6 +84,11 @@ def register(
     ValueError, TypeError
         If there is no radar, if `tracks` was not made from these plots, if the tracker raises an
         error, or if an argument has the wrong type.
+
+    Warns
+    -----
+    UserWarning
+        If all radars have the same errors, as if the position of one of them were wrong.
 
     Notes
     -----
@@ -155,7 +162,10 @@ def register(
             )
     run: Run = partial(_quiet, registration=False, n_threads=n_threads, **options)
     plots = with_heights(plots, sites, options.get("profile", "aircraft"))
-    return rounds(plots, sites, run, tracks).registration
+    found = rounds(plots, sites, run, tracks).registration
+    for said in place_doubts(sites, found.bias, names_of(sites)):
+        warnings.warn(said, UserWarning, stacklevel=2)
+    return found
 
 
 def _quiet(plots: Plots, sensors: Sequence[Radar | PositionSensor], **options: Any) -> TrackTable:

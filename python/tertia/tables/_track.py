@@ -38,7 +38,7 @@ from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
 from tertia.tracker._biases import without_deviation
-from tertia.tracker._doubts import Shared
+from tertia.tracker._doubts import Shared, place_doubts
 from tertia.tracker._recording import tracked
 
 PLOTS: Schema = {
@@ -365,8 +365,9 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
     start = time.perf_counter()
     table, bias = tracked(plots, radars.items, plans=plans, **options)
     found = Tracking(recording, plans, table, bias, time.perf_counter() - start)
-    for said in Shared(radars.items).doubts(table, last=True):
-        doubt(said)
+    said = Shared(radars.items).doubts(table, last=True)
+    for one in said + place_doubts(radars.items, bias, radars.names):
+        doubt(one)
     if len(plots) and np.all(table.track_of_plot < 0):
         raise RecordError(f"no plot can be used: {'; '.join(found.refused)}")
     return found

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray
-from tertia.sensors import PositionSensor, Radar, Station
+from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
+from tertia.sensors._sensors import own_biases
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import joined
 from tertia.tracker._sensors import Sensor, interval
@@ -30,6 +31,9 @@ _SECTOR, _SECTORS, _SEVERAL = np.pi / 6.0, 5, 3
 # copies of a report come within so many seconds; share of the reports that follow sooner than
 # usual, and of the plots of a radar that must follow within a period that is believed
 _COPIED, _SOON, _SOONEST = 1e-3, 0.25, 0.05
+# limits from which an error that all radars have is no chance, and by how much their errors may
+# differ, relative to it; seconds after which live errors are looked at again
+_COMMON, _ALIKE, _AGAIN = 3.0, 0.25, 60.0
 # scans of the slowest sensor in which two tracks have one address until it is said; scans after
 # which this is looked for; more than there are tracks
 _SCANS, _LOOK, _TRACKS = 8, 3.0, 2.0**28
@@ -62,6 +66,32 @@ def clock_doubts(core: _core.PlotTracker, names: Sequence[str]) -> list[str]:
     return said
 
 
+def place_doubts(sensors: Sequence[Sensor], bias: Bias, names: Sequence[str]) -> list[str]:
+    """Return whether all radars have the same errors, as if one of them were not at its place.
+
+    If one of two radars is elsewhere, the tracks of both agree after a rotation and a change of
+    scale. If the errors of radars are independent, they are hardly ever large and alike.
+    """
+    radars = [one for one in sensors if isinstance(one, Radar)]
+    if len(radars) < max(2, len(sensors)):
+        return []
+    prior = own_biases(sensors)
+    azimuth, gain = bias.azimuth - prior.azimuth, bias.range_gain - prior.range_gain
+    both = np.stack([azimuth, gain], axis=-1)
+    mean = both.mean(axis=0)
+    limits = np.array([RADAR_LIMITS.azimuth_sigma, RADAR_LIMITS.range_gain_sigma])
+    size = float(np.hypot(*mean))
+    if np.hypot(*mean / limits) < _COMMON or np.ptp(both, axis=0).max() > _ALIKE * size:
+        return []
+    place = np.array([one.position[:2] for one in radars])
+    apart = 1e-3 * size * np.max(np.linalg.norm(place - place[:, np.newaxis], axis=-1))
+    return [
+        f"{', '.join(names)}: all azimuths are {np.degrees(mean[0]):+.2f}° and all ranges "
+        f"{100.0 * mean[1]:+.2f} % off, as if one of the sensors were {apart:.2g} km from its "
+        "position. Are the positions, north and the units of ranges right?"
+    ]
+
+
 class Doubts:
     """The first plots, until the periods of the sensors are known, and the tracks of addresses."""
 
@@ -75,6 +105,18 @@ class Doubts:
         self._count, self._due = 0, np.nan
         self._span = _PERIODS * max(map(interval, sensors))
         self._shared = Shared(sensors)
+        # when to look at the errors of the sensors
+        self._look = np.nan
+
+    def of_places(
+        self, sensors: Sequence[Sensor], bias: Callable[[], Bias], time: float
+    ) -> list[str]:
+        """Return what there is to say, once, about the errors that sensors have at a time."""
+        if time < self._look or not np.isfinite(time):
+            return []
+        said = [] if np.isnan(self._look) else place_doubts(sensors, bias(), names_of(sensors))
+        self._look = np.inf if said else time + _AGAIN
+        return said
 
     def after(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
         """Return what there is to say after an update with these plots and rows."""
@@ -156,10 +198,11 @@ class Shared:
 
 
 def recording_doubts(
-    table: TrackTable, plots: Plots, sensors: Sequence[Sensor], max_speed: float
+    table: TrackTable, plots: Plots, sensors: Sequence[Sensor], bias: Bias, max_speed: float
 ) -> list[str]:
-    """Return what there is to say about a recording and its tracks."""
+    """Return what there is to say about a recording, its tracks, and the errors of its sensors."""
     said = Shared(sensors).doubts(table, last=True)
+    said += place_doubts(sensors, bias, names_of(sensors))
     for k, (sensor, name) in enumerate(zip(sensors, names_of(sensors), strict=True)):
         if not isinstance(sensor, Station):
             seen = seen_by(sensor, plots[_begin(sensor, k, plots)])

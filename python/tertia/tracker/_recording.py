@@ -40,7 +40,8 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
     Warns
     -----
     UserWarning
-        If the period of a sensor is wrong, or two tracks have the same address at the same time.
+        If the period of a sensor is wrong, two tracks have the same address at the same time, or
+        all radars have the same errors, as if the position of one of them were wrong.
 
     Examples
     --------
@@ -51,8 +52,8 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
     >>> track(Plots(time, 50e3 + 200 * time, 0.5), [radar])
     TrackTable(1 tracks, 25 rows)
     """
-    table = tracked(plots, sensors, **options)[0]
-    for said in recording_doubts(table, plots, sensors, largest_speed(**options)):
+    table, bias = tracked(plots, sensors, **options)
+    for said in recording_doubts(table, plots, sensors, bias, largest_speed(**options)):
         warnings.warn(said, UserWarning, stacklevel=2)
     return table
 

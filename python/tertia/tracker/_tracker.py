@@ -267,8 +267,9 @@ class Tracker:
         -----
         UserWarning
             If the plots of a sensor go on at other times than those of the others, if the tracker
-            starts anew because all plots come from an earlier time, if a period is wrong, or if two
-            tracks have the same address at the same time.
+            starts anew because all plots come from an earlier time, if a period is wrong, if two
+            tracks have the same address at the same time, or if all radars have the same errors, as
+            if the position of one of them were wrong.
         """
         table = self._track(plots, time, recording=False)
         for said in self._doubts(table, plots, names_of(self.sensors)):
@@ -348,6 +349,9 @@ class Tracker:
     def _doubts(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
         """Return what there is to say after these plots, which led to these rows."""
         said = self._doubted.after(table, plots, names)
+        if self._registrar is not None:
+            registrar, time = self._registrar, self._core.time
+            said += self._doubted.of_places(self.sensors, lambda: registrar.bias, time)
         return clock_doubts(self._core, names) + said
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
