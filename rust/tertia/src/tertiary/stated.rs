@@ -113,7 +113,7 @@ mod tests {
         let mut p = SMatrix::<f64, 4, 4>::identity() * 1e4;
         let mut found = Vec::new();
         for t in [4.0_f64, 4.1, 8.0, 4.0, 3.9, 4.0] {
-            let (mut f, mut q) = (SMatrix::identity(), SMatrix::<f64, 4, 4>::zeros());
+            let (mut f, mut q) = (SMatrix::<f64, 4, 4>::identity(), SMatrix::<f64, 4, 4>::zeros());
             for k in 0..2 {
                 f[(k, k + 2)] = t;
                 let (a, b, c) = if is_white {
