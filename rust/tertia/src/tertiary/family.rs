@@ -6,7 +6,7 @@
 //! whose errors are independent of each other: from them, the next correction is predicted best.
 
 use super::row::Row;
-use super::stated::{Ratios, is_moved_as_stated, ratio};
+use super::stated::Ratios;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
@@ -43,7 +43,7 @@ pub(super) struct Evidence {
     square: [f64; COUNT],
     /// Logarithms of the area of a standard deviation of the correction.
     area: [f64; COUNT],
-    ratios: Ratios,
+    pub ratios: Ratios,
 }
 
 impl Evidence {
@@ -54,7 +54,6 @@ impl Evidence {
             self.square[k] += other.square[k];
             self.area[k] += other.area[k];
         }
-        self.ratios.add(&other.ratios);
     }
 
     /// Whether there are enough rows.
@@ -91,9 +90,6 @@ impl Evidence {
 pub(super) struct Families {
     followers: [Follower; COUNT],
     rows: u32,
-    last: Row,
-    /// Ratio of the noise that the filter assumes to that of the sensor.
-    ratio: Option<f64>,
     /// What was found since it was last taken.
     pub found: Evidence,
 }
@@ -102,19 +98,7 @@ impl Families {
     /// Starts with a row.
     pub fn new(row: &Row, radar: &Radar) -> Self {
         let follower = Follower::new(&model(), row.estimate(radar), row.turning(), row.time);
-        let found = Evidence::default();
-        Self { followers: [follower; COUNT], rows: 0, last: *row, ratio: None, found }
-    }
-
-    /// Compares the covariances of a row with those of the row before, and with its correction.
-    pub fn compare(&mut self, row: &Row, correction: [f64; 4], radar: &Radar) {
-        let [before, after] = [self.last, *row].map(|row| row.estimate(radar).covariance);
-        let noise = radar.noise_at([row.state[0], row.state[1]], row.above(radar));
-        let is_stated = is_moved_as_stated(correction, &after);
-        let found = ratio(&before, &after, row.time - self.last.time, noise);
-        let found = found.filter(|_| is_stated);
-        self.found.ratios.see(self.ratio, found);
-        (self.ratio, self.last) = (found, *row);
+        Self { followers: [follower; COUNT], rows: 0, found: Evidence::default() }
     }
 
     /// Updates the filters with the plots behind a row, and their gains. The noise of `radar` is that of plots

@@ -8,6 +8,7 @@ use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
 use super::source::{Source, paced, with_noise};
+use super::stated::Covariances;
 use super::target::Tracklet;
 use super::tracklet::{Behind, Past, behind, coasts, is_doubtful};
 use crate::base::error::Result;
@@ -43,6 +44,7 @@ pub(super) struct Member {
     gain: Gain,
     filtered: Option<Filtered>,
     families: Option<Box<Families>>,
+    covariances: Option<Box<Covariances>>,
     foreign: f64,
     /// Whether the sensor states the covariances of its filter.
     is_stated: bool,
@@ -131,6 +133,10 @@ pub(super) fn take(
         if let Some(families) = &mut member.families {
             sources[member.last.sensor].evidence.add(&std::mem::take(&mut families.found));
         }
+        if let Some(covariances) = &mut member.covariances {
+            let ratios = &mut sources[member.last.sensor].evidence.ratios;
+            ratios.add(&std::mem::take(&mut covariances.found));
+        }
     }
     if begun.is_some() {
         // the list consists of two sorted runs
@@ -152,6 +158,7 @@ impl Member {
             gain: Gain::default(),
             filtered: None,
             families: None,
+            covariances: Some(Box::new(Covariances::new(&row))),
             foreign: UNKNOWN,
             is_stated: false,
             is_periodic: false,
@@ -183,6 +190,11 @@ impl Member {
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
         self.foreign += MEMORY * (is_unlike - self.foreign);
+        if self.foreign < UNKNOWN || evidence.is_complete() {
+            self.covariances = None;
+        } else if let Some(covariances) = &mut self.covariances {
+            covariances.follow(&row, past.correction(&row), radar);
+        }
         self.look_behind(plot.filter(|_| !self.is_foreign()), evidence, (radar, noisy));
         self.plotted = row.time;
     }
@@ -202,7 +214,7 @@ impl Member {
     ) {
         let last = (&self.last, self.is_doubtful);
         self.is_stated = evidence.ratio().is_some();
-        if self.foreign < UNKNOWN || evidence.is_complete() {
+        if !self.is_foreign() || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));

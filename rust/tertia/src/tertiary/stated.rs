@@ -7,7 +7,9 @@
 //! `Q_pv = T/2 Q_vv`, whether its acceleration is white or constant during the time T between the rows. This
 //! equation determines c.
 
+use super::row::Row;
 use crate::base::plane::Plane;
+use crate::sensors::Radar;
 use nalgebra::{Matrix2, SMatrix};
 use serde::{Deserialize, Serialize};
 
@@ -34,7 +36,7 @@ pub(super) struct Ratios {
 
 impl Ratios {
     /// Adds the ratio of a row and that of the row before.
-    pub fn see(&mut self, last: Option<f64>, ratio: Option<f64>) {
+    fn see(&mut self, last: Option<f64>, ratio: Option<f64>) {
         self.rows += 1.0;
         let (Some(last), Some(ratio)) = (last, ratio) else { return };
         if (ratio / last).ln().abs() < ALIKE {
@@ -57,6 +59,37 @@ impl Ratios {
     }
 }
 
+/// Compares the covariances of successive rows of a track.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Covariances {
+    last: Row,
+    /// Ratio that follows from the last two rows.
+    ratio: Option<f64>,
+    /// What was found since it was last taken.
+    pub found: Ratios,
+}
+
+impl Covariances {
+    /// Starts with a row.
+    pub fn new(row: &Row) -> Self {
+        Self { last: *row, ratio: None, found: Ratios::default() }
+    }
+
+    /// Compares the covariance of a row with that of the row before, and with its correction.
+    pub fn follow(&mut self, row: &Row, correction: [f64; 4], radar: &Radar) {
+        let after = row.estimate(radar).covariance;
+        let found = if is_moved_as_stated(correction, &after) {
+            let before = self.last.estimate(radar).covariance;
+            let noise = radar.noise_at([row.state[0], row.state[1]], row.above(radar));
+            ratio(&before, &after, row.time - self.last.time, noise)
+        } else {
+            None
+        };
+        self.found.see(self.ratio, found);
+        (self.ratio, self.last) = (found, *row);
+    }
+}
+
 /// Whether the correction of a state, position and velocity, is one that its covariance allows by a single plot.
 pub(super) fn is_moved_as_stated(correction: [f64; 4], covariance: &SMatrix<f64, 4, 4>) -> bool {
     let [x, y, vx, vy] = correction;
@@ -67,7 +100,7 @@ pub(super) fn is_moved_as_stated(correction: [f64; 4], covariance: &SMatrix<f64,
 
 /// Returns the ratio c of the noise that a filter assumes to `noise`, from the covariances of two successive rows
 /// with the time t between them; `None` if no ratio satisfies the equation.
-pub(super) fn ratio(
+fn ratio(
     before: &SMatrix<f64, 4, 4>,
     after: &SMatrix<f64, 4, 4>,
     t: f64,

@@ -221,7 +221,6 @@ pub(super) fn behind(
             let gain = along(moved.step.stated, damping).unwrap_or(own);
             (moved.plot(gain), gain)
         });
-        families.compare(row, correction, radar);
         families.follow(row, &plots, own, noisy);
     }
     let plot = moved.plot(own);
