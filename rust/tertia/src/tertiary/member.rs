@@ -213,13 +213,14 @@ impl Member {
         (radar, noisy): (&Radar, &Radar),
     ) {
         let last = (&self.last, self.is_doubtful);
-        self.is_stated = evidence.ratio().is_some();
+        let ratio = evidence.ratio().filter(|_| self.foreign >= UNKNOWN && !self.is_periodic);
+        self.is_stated = ratio.is_some();
         if !self.is_foreign() || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));
         }
-        let gain = (&mut self.gain, evidence, self.is_periodic);
+        let gain = (&mut self.gain, evidence, ratio, self.is_periodic);
         let families = self.families.as_deref_mut();
         let (place, own, added) =
             match behind(plot, last, &self.before, gain, families, (radar, noisy)) {

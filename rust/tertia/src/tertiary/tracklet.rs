@@ -177,13 +177,14 @@ pub(super) enum Behind {
 }
 
 /// Returns the information behind the last row of a track. If the plot is not known because another filter
-/// made the row, it is estimated from the rows before (the latest first) and the gain of that filter. If the
+/// made the row, it is estimated from the rows before (the latest first) and the gain of that filter, which follows
+/// from its covariance if the ratio of the noise that the filter assumes to that of the sensor is known. If the
 /// target is so high above the sensor that a small error of the range is large on the ground, there is none.
 pub(super) fn behind(
     plot: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
     before: &[Option<Past>; 2],
-    (gain, evidence, is_periodic): (&mut Gain, &Evidence, bool),
+    (gain, evidence, ratio, is_periodic): (&mut Gain, &Evidence, Option<f64>, bool),
     families: Option<&mut Families>,
     (radar, noisy): (&Radar, &Radar),
 ) -> Behind {
@@ -205,9 +206,7 @@ pub(super) fn behind(
     if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
         gain.see(&moved.step);
     }
-    let correction = last.correction(row);
-    let is_stated = !is_periodic && is_moved_as_stated(correction, &p);
-    let ratio = evidence.ratio().filter(|_| is_stated);
+    let ratio = ratio.filter(|_| is_moved_as_stated(last.correction(row), &p));
     let along = |stated: Plane, damping| match ratio {
         Some(ratio) => Some(limited(stated.scaled(1.0 / ratio))),
         None => gain.along(stated, damping, is_periodic),
@@ -315,7 +314,7 @@ mod tests {
                 None,
                 (row, is_doubtful(row, &radar)),
                 &before,
-                (&mut gain, &Evidence::default(), false),
+                (&mut gain, &Evidence::default(), None, false),
                 None,
                 (&radar, &radar),
             )
@@ -349,7 +348,7 @@ mod tests {
                 None,
                 (&row(4.0, north), false),
                 &[Some(last), None],
-                (&mut gain, &Evidence::default(), false),
+                (&mut gain, &Evidence::default(), None, false),
                 None,
                 (&radar, &radar),
             )
@@ -380,7 +379,7 @@ mod tests {
             None,
             (&own, false),
             &[Some(last), None],
-            (&mut gain, &Evidence::default(), false),
+            (&mut gain, &Evidence::default(), None, false),
             None,
             (&radar, &radar),
         );
