@@ -33,6 +33,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
+from tertia._oscillations import warn_of_oscillations
 from tertia._result import Result, counted
 from tertia.kalman._batch import _initial
 
@@ -472,9 +473,10 @@ def smooth(
             where = f"[{', '.join(map(str, place))}]" if place else ""
             raise ValueError(f"jerk{where} is {intensity[place]}; it must not be negative")
         intensity = _shared(intensity[..., np.newaxis], (1,), batch, "jerk", "")
+    instants = _instants(time, dt, batch, n)
     tracks = {
         "y": plots,
-        "time": _instants(time, dt, batch, n),
+        "time": instants,
         "covariance": matrices,
         "each": each,
         "velocity": _velocities(velocity, velocity_covariance, plots.shape),
@@ -485,6 +487,7 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
+    warn_of_oscillations(plots, mean, outlier[..., :1], found[4], instants)
     intensity, error, wandering, lasting, factor, *rest = map(scalar_or_array, found)
     return SmoothedPositions(
         mean,

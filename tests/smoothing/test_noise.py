@@ -422,3 +422,22 @@ def test_times_from_a_second_to_a_day_apart(q):
         sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
         np.testing.assert_allclose((found.mean - mean) / sigma, 0, atol=1e-4)
         np.testing.assert_allclose(found.sigma[:, 0] / sigma[:, 0], 1, rtol=1e-6)
+
+
+def test_waves_are_doubted():
+    """A buoy: the errors of its positions would not oscillate."""
+    time = np.arange(300.0)
+    phase = 2 * np.pi * time / 9
+    waves = np.column_stack([0.5 * time + 1.5 * np.sin(phase), 2 * np.cos(phase)])
+    for seed in range(3):
+        y = waves + rng(seed).standard_normal(waves.shape)
+        with pytest.warns(UserWarning, match="oscillate with a period of about (8|9|10),"):
+            smooth(y, 1.0, time=time)
+        with pytest.warns(UserWarning, match="oscillate"):
+            smooth(np.stack([waves, y]), 1.0, dt=1.0)
+    # with a jerk, they are motion; no warning
+    found = smooth(y, 1.0, time=time, jerk=1.0)
+    assert np.sqrt(np.mean((found.position - waves) ** 2)) < 0.7
+    # errors that last do not oscillate
+    errors = 3.0 * lasting((20, 300, 2), 0.9, seed=5)
+    smooth(errors, 1.0, dt=1.0)
