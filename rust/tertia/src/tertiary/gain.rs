@@ -18,6 +18,8 @@ const EXPECTED: f64 = 0.1;
 /// Smallest and largest gain.
 const LEAST: f64 = 0.05;
 const LARGEST: f64 = 0.98;
+/// Largest correlation of a gain along and across: beyond, its inverse is lost to rounding.
+const CORRELATED: f64 = 0.999;
 /// If the logarithm of the ratio of the factors along and across is smaller than this, they count as equal.
 const ALIKE: f64 = 0.3;
 /// If the corrections of position explain less than this share of those of velocity, the two do not come
@@ -110,10 +112,11 @@ fn clamped(gain: f64) -> f64 {
     gain.clamp(LEAST, LARGEST)
 }
 
-/// Limits the gain along and across, without changing their correlation.
+/// Limits the gain along and across, and their correlation.
 pub(super) fn limited(gain: Plane) -> Plane {
     let [xx, yy] = [gain.xx, gain.yy].map(clamped);
-    Plane { xx, xy: gain.xy * (xx / gain.xx * yy / gain.yy).sqrt(), yy }
+    let correlation = gain.xy / (gain.xx * gain.yy).sqrt();
+    Plane { xx, xy: correlation.clamp(-CORRELATED, CORRELATED) * (xx * yy).sqrt(), yy }
 }
 
 /// β / α of a filter with this α.
@@ -150,6 +153,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_gain_that_is_almost_singular_has_an_inverse() {
+        let stated = Plane { xx: 0.5, xy: 0.3, yy: 0.18 };
+        let inverse = limited(stated).inverse();
+        assert!([inverse.xx, inverse.yy].iter().all(|x| x.is_finite() && *x > 0.0));
+        let usual = Plane { xy: 0.1, ..stated };
+        assert!((limited(usual).xy - 0.1).abs() < 1e-15);
     }
 
     #[test]
