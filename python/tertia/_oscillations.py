@@ -51,10 +51,11 @@ def _period(deviation: FloatArray) -> int:
     if most < 1 or np.count_nonzero(known) < n / 2:
         return 0
     own = np.where(known, deviation - np.mean(deviation[known]), 0.0)
-    products = np.fft.irfft(np.abs(np.fft.rfft(own, 2 * n)) ** 2)[: 2 * most + 1]
-    if not products[0] > 0:
+    largest = np.max(np.abs(own))
+    if not largest > 0:
         return 0
-    correlation = products / products[0]
+    products = np.fft.irfft(np.abs(np.fft.rfft(own / largest, 2 * n)) ** 2)
+    correlation = products[: 2 * most + 1] / products[0]
     below = np.flatnonzero(correlation[: most + 1] < _OPPOSITE)
     if below.size == 0 or correlation[1] < _STEP:
         return 0

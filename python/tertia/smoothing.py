@@ -406,6 +406,7 @@ def smooth(
 
     Notes
     -----
+    A warning says if deviations from the path that are larger than stated oscillate, as of waves.
     Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
     of covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
     Rauch, Tung and Striebel (1965), except that an unknown initial state is treated exactly, not

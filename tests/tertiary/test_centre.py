@@ -420,8 +420,11 @@ def test_a_target_moves_when_the_errors_of_its_sensor_are_found():
     assert_allclose(moved, -offset * away / np.linalg.norm(away), atol=0.05 * offset)
 
 
-def filtered(plots, radar: Radar, sensor: int, target, density=1.0) -> SensorTracks:
-    """Return tracks of filters of nearly constant velocity, one for each target."""
+def filtered(plots, radar: Radar, sensor: int, target, density=1.0, factor=1.0) -> SensorTracks:
+    """Return tracks of filters of nearly constant velocity, one for each target.
+
+    They assume that ranges are less accurate by `factor`.
+    """
     away = plots.range[:, np.newaxis] * np.column_stack(
         [np.sin(plots.azimuth), np.cos(plots.azimuth)]
     )
@@ -432,7 +435,8 @@ def filtered(plots, radar: Radar, sensor: int, target, density=1.0) -> SensorTra
             t, e = plots.time[i] - plots.time[last], away[i] / plots.range[i]
             f = np.array([e[1], -e[0]])
             across = plots.range[i] * radar.azimuth_sigma
-            r = radar.range_sigma**2 * np.outer(e, e) + across**2 * np.outer(f, f)
+            along = factor * radar.range_sigma
+            r = along**2 * np.outer(e, e) + across**2 * np.outer(f, f)
             if x is None:
                 x = np.concatenate([away[i], (away[i] - away[last]) / t])
                 p = np.block([[r, r / t], [r / t, 2 * r / t**2]])
@@ -458,7 +462,7 @@ def filtered(plots, radar: Radar, sensor: int, target, density=1.0) -> SensorTra
     )
 
 
-def tracked(seed, density=1.0):
+def tracked(seed, density=1.0, factor=1.0):
     """Flights, and their tracks by Kalman filters at two radars."""
     flights = simulate.dense_traffic(
         20, area=(8e4, 8e4), turning_share=0.5, duration=300.0, rng=seed
@@ -470,7 +474,7 @@ def tracked(seed, density=1.0):
         flat = record.plots[own]
         ground = np.sqrt(flat.range**2 - np.nan_to_num(flat.height) ** 2)
         flat = Plots(flat.time, ground, flat.azimuth)
-        several.append(filtered(flat, radar, k, record.target[own], density))
+        several.append(filtered(flat, radar, k, record.target[own], density, factor))
     return flights, SensorTracks.concatenate(several)
 
 
@@ -479,11 +483,12 @@ def foreign():
     return tracked(11)
 
 
-def test_plots_of_slow_filters_are_known_from_their_covariances():
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_plots_of_slow_filters_are_known_from_their_covariances(factor):
     """They lag by kilometres in turns. From corrections alone, a tenth was wrong by 150 m."""
     distances = []
     for seed in (11, 31):
-        flights, tracks = tracked(seed, density=0.02)
+        flights, tracks = tracked(seed, density=0.02, factor=factor)
         # of twice the noise
         found = fuse_tracks(replace(tracks, covariance=2.0 * tracks.covariance), RADARS[1:])
         found = found[found.time > 100.0]

@@ -6,7 +6,7 @@
 //! whose errors are independent of each other: from them, the next correction is predicted best.
 
 use super::row::Row;
-use super::stated::Ratios;
+use super::stated::Agreement;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
@@ -43,7 +43,7 @@ pub(super) struct Evidence {
     square: [f64; COUNT],
     /// Logarithms of the area of a standard deviation of the correction.
     area: [f64; COUNT],
-    pub ratios: Ratios,
+    pub covariances: Agreement,
 }
 
 impl Evidence {
@@ -72,11 +72,6 @@ impl Evidence {
             |k: usize| -worth * ((self.square[k] / self.count).ln() + self.area[k] / self.count);
         let best = (1..COUNT).fold(0, |a, b| if score(b) > score(a) { b } else { a });
         if score(best) > score(0) + CLEAR { DAMPING[best] } else { DAMPING[0] }
-    }
-
-    /// Returns the ratio of the noise that the filter assumes to that of the sensor, if it states its own covariances.
-    pub fn ratio(&self) -> Option<f64> {
-        self.ratios.ratio()
     }
 
     /// Returns the relative standard deviation of gains with this damping.

@@ -113,7 +113,7 @@ fn clamped(gain: f64) -> f64 {
 }
 
 /// Limits the gain along and across, and their correlation.
-pub(super) fn limited(gain: Plane) -> Plane {
+fn limited(gain: Plane) -> Plane {
     let [xx, yy] = [gain.xx, gain.yy].map(clamped);
     let correlation = gain.xy / (gain.xx * gain.yy).sqrt();
     Plane { xx, xy: correlation.clamp(-CORRELATED, CORRELATED) * (xx * yy).sqrt(), yy }

@@ -134,8 +134,8 @@ pub(super) fn take(
             sources[member.last.sensor].evidence.add(&std::mem::take(&mut families.found));
         }
         if let Some(covariances) = &mut member.covariances {
-            let ratios = &mut sources[member.last.sensor].evidence.ratios;
-            ratios.add(&std::mem::take(&mut covariances.found));
+            let all = &mut sources[member.last.sensor].evidence.covariances;
+            all.add(&std::mem::take(&mut covariances.found));
         }
     }
     if begun.is_some() {
@@ -165,7 +165,7 @@ impl Member {
             plotted: row.time,
             target: None,
         };
-        member.look_behind(None, &Evidence::default(), (radar, radar));
+        member.look_behind(None, None, &Evidence::default(), (radar, radar));
         member
     }
 
@@ -190,12 +190,18 @@ impl Member {
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
         self.foreign += MEMORY * (is_unlike - self.foreign);
-        if self.foreign < UNKNOWN || evidence.is_complete() {
+        let mut innovation = None;
+        if self.foreign < UNKNOWN {
             self.covariances = None;
         } else if let Some(covariances) = &mut self.covariances {
-            covariances.follow(&row, past.correction(&row), radar);
+            innovation = covariances.innovation(&row, past.correction(&row), radar);
+        } else {
+            self.covariances = Some(Box::new(Covariances::new(&row)));
         }
-        self.look_behind(plot.filter(|_| !self.is_foreign()), evidence, (radar, noisy));
+        self.is_stated =
+            innovation.is_some() && evidence.covariances.is_sure() && !self.is_periodic;
+        let innovation = innovation.filter(|_| self.is_stated);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), innovation, evidence, (radar, noisy));
         self.plotted = row.time;
     }
 
@@ -209,21 +215,20 @@ impl Member {
     fn look_behind(
         &mut self,
         plot: Option<[f64; 2]>,
+        innovation: Option<[f64; 2]>,
         evidence: &Evidence,
         (radar, noisy): (&Radar, &Radar),
     ) {
         let last = (&self.last, self.is_doubtful);
-        let ratio = evidence.ratio().filter(|_| self.foreign >= UNKNOWN && !self.is_periodic);
-        self.is_stated = ratio.is_some();
         if !self.is_foreign() || evidence.is_complete() {
             self.families = None;
         } else if self.families.is_none() {
             self.families = Some(Box::new(Families::new(&self.last, radar)));
         }
-        let gain = (&mut self.gain, evidence, ratio, self.is_periodic);
+        let gain = (&mut self.gain, evidence, self.is_periodic);
         let families = self.families.as_deref_mut();
         let (place, own, added) =
-            match behind(plot, last, &self.before, gain, families, (radar, noisy)) {
+            match behind(plot, innovation, last, &self.before, gain, families, (radar, noisy)) {
                 Behind::Plot(place, added) => (place, None, added),
                 Behind::State(place, covariance) => (place, Some(covariance), Plane::default()),
                 Behind::Nothing => return,

@@ -1,9 +1,8 @@
 //! Reconstruction of the plot behind a row of a track from the track itself (a tracklet).
 
 use super::family::{DAMPING, Evidence, Families};
-use super::gain::{Gain, Step, limited};
+use super::gain::{Gain, Step};
 use super::row::Row;
-use super::stated::is_moved_as_stated;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::Estimate;
@@ -28,7 +27,7 @@ const LONGEST_LAG: f64 = 1.5;
 const STEPS: usize = 8;
 const SLOWEST: f64 = 0.5;
 const SMALL: f64 = 0.1;
-/// Relative standard deviation of a gain that follows from the stated covariances.
+/// Relative standard deviation of an innovation that follows from the stated covariances.
 const STATED: f64 = 0.01;
 
 /// An earlier row of a track.
@@ -177,14 +176,15 @@ pub(super) enum Behind {
 }
 
 /// Returns the information behind the last row of a track. If the plot is not known because another filter
-/// made the row, it is estimated from the rows before (the latest first) and the gain of that filter, which follows
-/// from its covariance if the ratio of the noise that the filter assumes to that of the sensor is known. If the
+/// made the row, it follows from the `innovation` if the covariances tell it; else it is estimated from the rows before
+/// (the latest first) and the gain of that filter. If the
 /// target is so high above the sensor that a small error of the range is large on the ground, there is none.
 pub(super) fn behind(
     plot: Option<[f64; 2]>,
+    innovation: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
     before: &[Option<Past>; 2],
-    (gain, evidence, ratio, is_periodic): (&mut Gain, &Evidence, Option<f64>, bool),
+    (gain, evidence, is_periodic): (&mut Gain, &Evidence, bool),
     families: Option<&mut Families>,
     (radar, noisy): (&Radar, &Radar),
 ) -> Behind {
@@ -206,11 +206,11 @@ pub(super) fn behind(
     if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
         gain.see(&moved.step);
     }
-    let ratio = ratio.filter(|_| is_moved_as_stated(last.correction(row), &p));
-    let along = |stated: Plane, damping| match ratio {
-        Some(ratio) => Some(limited(stated.scaled(1.0 / ratio))),
-        None => gain.along(stated, damping, is_periodic),
-    };
+    if let Some([east, north]) = innovation {
+        let plot = [moved.predicted[0] + east, moved.predicted[1] + north];
+        return Behind::Plot(plot, outer([STATED * east, STATED * north]));
+    }
+    let along = |stated, damping| gain.along(stated, damping, is_periodic);
     // if velocities are not derived from positions, the positions are those of the plots
     let Some(own) = along(moved.step.stated, evidence.damping()) else {
         return Behind::Plot([x, y], Plane::default());
@@ -230,7 +230,7 @@ pub(super) fn behind(
             moved.plot(along(moved.step.stated, evidence.damping()).unwrap_or(own))
         };
         let (plot, step) = settled([x, y], plot, moved.small(), there);
-        let unsure = ratio.map_or(evidence.unsure(), |_| STATED);
+        let unsure = evidence.unsure();
         let by = [0, 1].map(|k| unsure * (plot[k] - moved.predicted[k]));
         let turned = Plane { xx: step * step, xy: 0.0, yy: step * step };
         return Behind::Plot(plot, outer(by).plus(turned));
@@ -312,9 +312,10 @@ mod tests {
             let mut gain = Gain::default();
             behind(
                 None,
+                None,
                 (row, is_doubtful(row, &radar)),
                 &before,
-                (&mut gain, &Evidence::default(), None, false),
+                (&mut gain, &Evidence::default(), false),
                 None,
                 (&radar, &radar),
             )
@@ -346,9 +347,10 @@ mod tests {
             let mut gain = Gain::default();
             behind(
                 None,
+                None,
                 (&row(4.0, north), false),
                 &[Some(last), None],
-                (&mut gain, &Evidence::default(), None, false),
+                (&mut gain, &Evidence::default(), false),
                 None,
                 (&radar, &radar),
             )
@@ -377,9 +379,10 @@ mod tests {
         let mut gain = Gain::default();
         let found = behind(
             None,
+            None,
             (&own, false),
             &[Some(last), None],
-            (&mut gain, &Evidence::default(), None, false),
+            (&mut gain, &Evidence::default(), false),
             None,
             (&radar, &radar),
         );
