@@ -170,3 +170,14 @@ def test_it_is_true_or_false():
     assert not PlanModel().initiation
     with pytest.raises(TypeError, match="initiation is 1; it must be True or False"):
         PlanModel(initiation=1)
+
+
+def test_a_false_plot_does_not_delay_a_target():
+    """The first two plots might be of one target, but where false plots are dense that is unlikely."""
+    time = RADAR.scan_period * np.arange(6)
+    east = np.array([-1e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    north = np.array([60e3, 60e3, 61.2e3, 62.4e3, 63.6e3, 64.8e3])
+    plots = Plots(time, np.hypot(east, north), np.arctan2(east, north))
+    found = track(plots, [RADAR], clutter_density=3e-9, registration=False)
+    assert plots_to_confirmation(found, np.arange(1, 6)) == 4
+    assert 0 not in found.plot[found.confirmed]

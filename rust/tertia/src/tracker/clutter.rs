@@ -25,6 +25,8 @@ const ENOUGH: f64 = 0.5;
 const BEFOREHAND: f64 = 1.0;
 /// Ratio of the density to its mean above which a plot is attributed to a fixed echo.
 const FIXED: f64 = 100.0;
+/// Ratio of the density to its mean above which false plots count as denser than elsewhere.
+const DENSER: f64 = 1.5;
 /// Assumed maximum range of a radar without a limit, until it has plots farther away, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
@@ -150,6 +152,12 @@ impl Clutter {
         let again = fixed.map_or(1.0, |fixed| fixed.ratio(radar, plot.position, mean));
         let ratio = patches.ratio(plot.position, mean, own).max(again);
         Some(mean * ratio * (-gain_by_way(&since, radar, plot.detection)).exp())
+    }
+
+    /// Whether false plots are known to be denser here than elsewhere.
+    pub fn is_denser(&self, radar: &Radar, position: [f64; 2]) -> bool {
+        let mean = self.density(radar);
+        self.patches.as_ref().is_some_and(|patches| patches.ratio(position, mean, 1.0) > DENSER)
     }
 
     /// Whether two positions are in the same square of the map of dense places.
@@ -364,6 +372,21 @@ impl Now<'_> {
         let Some(patches) = &self.clutter.patches else { return by_way };
         let ratio = patches.ratio(plot.position, self.mean, 0.0);
         by_way - ratio.max(self.clutter.again(self.radar, plot, self.mean)).ln()
+    }
+}
+
+/// Tells the clutter estimates over which interval of time plots, sorted by time, have been assigned.
+pub(super) fn pass(
+    (plots, deferred): (&[Measured], &[bool]),
+    clutter: &mut [Clutter],
+    radars: &[Radar],
+) {
+    let settled = || plots.iter().zip(deferred).filter(|(_, d)| !**d).map(|(plot, _)| plot);
+    let (Some(first), Some(last)) = (settled().next(), settled().next_back()) else { return };
+    for (sensor, own) in clutter.iter_mut().enumerate() {
+        let mine = || settled().filter(|plot| plot.radar == sensor).map(|plot| plot.time);
+        let have_one_time = || mine().is_sorted_by(|a, b| a == b);
+        own.pass([first.time, last.time], have_one_time, &radars[sensor]);
     }
 }
 

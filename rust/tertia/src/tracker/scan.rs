@@ -29,12 +29,18 @@ use crate::sensors::Radar;
 /// Marks an index that is not assigned yet.
 const NOWHERE: u32 = u32::MAX;
 
+/// Probability that a tentative track consists of false plots above which its last plot starts another track
+/// as well.
+const DOUBTED: f64 = 0.5;
+
 /// Buffers of a scan, used again for the next one.
 #[derive(Default)]
 pub(super) struct Scan {
     plots: Vec<Measured>,
     /// Whether each plot already has a track, or is left out.
     taken: Vec<bool>,
+    /// Probability that the track which has taken the plot consists of false plots.
+    doubted: Vec<f64>,
     deferred: Vec<bool>,
     spread: Spread,
     /// Whether each plot is left out as a second plot of its target, for radars that make many such plots.
@@ -133,7 +139,7 @@ impl Scan {
                 break;
             }
         }
-        self.pass(sky);
+        clutter::pass((&self.plots, &self.deferred), sky.clutter, &sky.settings.radars);
         plots.clear();
         let waiting = self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred);
         plots.extend(waiting.map(|(plot, _)| *plot));
@@ -166,6 +172,8 @@ impl Scan {
         let plots = &self.plots;
         self.taken.clear();
         self.taken.resize(plots.len(), false);
+        self.doubted.clear();
+        self.doubted.resize(plots.len(), 0.0);
         self.deferred.clear();
         self.deferred.resize(plots.len(), false);
         self.spread = Spread::of(plots);
@@ -382,6 +390,10 @@ impl Scan {
                 let status = PlotStatus::of(track, given.is_reflection);
                 report(plots[given.plot as usize].index, status);
             }
+            let sensor = plots[given.plot as usize].radar;
+            if settings.starts_again(sensor) {
+                self.doubted[given.plot as usize] = given.false_probability;
+            }
             if let Some(radar) = given.outlier {
                 sky.noise[radar].outliers.took();
             }
@@ -432,11 +444,13 @@ impl Scan {
         let mut now = vec![false; self.plots.len()];
         for (i, plot) in self.plots.iter().enumerate() {
             self.deferred[i] |= !self.taken[i] && plot.time >= hold;
-            if self.taken[i] || self.deferred[i] {
-                continue;
-            }
             let radar = &sky.settings.radars[plot.radar];
             let clutter = &sky.clutter[plot.radar];
+            let doubt = std::mem::take(&mut self.doubted[i]);
+            let is_shared = doubt > DOUBTED && !clutter.is_denser(radar, plot.position);
+            if self.taken[i] && !is_shared || self.deferred[i] {
+                continue;
+            }
             let [density, false_plots] =
                 [clutter.density(radar), clutter.plots(radar)].map(|all| plot.rivals(all));
             let begun = |i: usize| now[i];
@@ -444,7 +458,7 @@ impl Scan {
                 left = true;
                 continue;
             }
-            (self.taken[i], now[i]) = (true, true);
+            (self.taken[i], now[i]) = (true, !is_shared);
             // second plots and outliers start false tracks, too, where there are any
             let second = self.seconds.of_others(i, |other| self.taken[other]);
             let more = 1.0 + (self.others[i] + second) / density;
@@ -465,31 +479,21 @@ impl Scan {
             track.suspect(plot, self.reflections.of(i), sky.settings);
             let is_other = is_double || track.is_reflection();
             track.is_counted = !is_other && !clutter.is_fixed(radar, plot);
-            if track.is_counted {
+            if is_shared {
+                track.share_first(doubt);
+            }
+            if track.is_counted && !is_shared {
                 sky.clutter[plot.radar].weigh(radar, plot.position);
             }
             let own = PlotStatus::of(track.number, track.is_reflection());
-            report(plot.index, if is_double { PlotStatus::Duplicate } else { own });
+            if !is_shared {
+                report(plot.index, if is_double { PlotStatus::Duplicate } else { own });
+            }
             if sky.rows.wants(false) {
                 sky.rows.push(&Row::of(&track, plot.radar, Some(plot.index)));
             }
             sky.tracks.push(track);
         }
         left
-    }
-
-    /// Tells the clutter estimates over which interval of time plots have been assigned.
-    fn pass<R>(&self, sky: &mut Sky<'_, R>) {
-        let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
-        let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {
-            return;
-        };
-        let times = [first.time, last.time];
-        for (sensor, clutter) in sky.clutter.iter_mut().enumerate() {
-            let own = || settled().map(|(plot, _)| plot).filter(|plot| plot.radar == sensor);
-            let times_of_own = || own().map(|plot| plot.time);
-            let have_one_time = || times_of_own().is_sorted_by(|a, b| a == b);
-            clutter.pass(times, have_one_time, &sky.settings.radars[sensor]);
-        }
     }
 }

@@ -161,6 +161,11 @@ impl Settings {
         self.geometry.get(radar).unwrap_or(&Geometry::Flat)
     }
 
+    /// Whether a plot of a sensor that an unlikely tentative track has taken may start another track.
+    pub(super) fn starts_again(&self, sensor: usize) -> bool {
+        !self.geometry(sensor).is_position() && !matches!(self.association, Association::Paper(_))
+    }
+
     /// Scan period of a radar for the noise of the motion models, s. For sensors of positions it is
     /// at least 4 s: the noise is set for such scans, and targets do not fly straighter because
     /// their positions are reported more often.

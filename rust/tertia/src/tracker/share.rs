@@ -321,6 +321,7 @@ impl Share {
             is_still,
             is_reflection,
             is_doubted,
+            false_probability: track.false_probability(),
             row,
         });
     }

@@ -130,6 +130,8 @@ pub(super) struct Track {
     pub believed: f64,
     /// Whether its first plot is neither a second plot of a target, nor a reflection, nor a fixed echo.
     pub is_counted: bool,
+    /// Whether another track had taken its first plot before.
+    is_shared: bool,
     /// Its plots, until it is confirmed.
     basis: Basis,
     suspicion: Option<Box<Suspicion>>,
@@ -204,6 +206,7 @@ impl Track {
             there: There::default(),
             believed: f64::INFINITY,
             is_counted: false,
+            is_shared: false,
             basis: Basis::default(),
             suspicion: None,
             rivals: None,

@@ -29,6 +29,8 @@ pub(in crate::tracker) struct Given {
     pub is_reflection: bool,
     /// Whether it may be one after all.
     pub is_doubted: bool,
+    /// Probability that the track consists of false plots; 0 for confirmed tracks.
+    pub false_probability: f64,
     /// Index of the row, if there is one.
     pub(super) row: u32,
 }

@@ -57,11 +57,11 @@ impl Track {
     pub fn hold(&self, (clutter, held): (&[Clutter], &mut [Held]), settings: &Settings) {
         let is_false =
             if self.basis.0.is_empty() { 1.0 } else { 1.0 - self.existence.probability() };
-        for (i, plot) in self.counted().enumerate() {
+        for (is_first, plot) in self.counted() {
             let (own, held) = (&clutter[plot.radar], &mut held[plot.radar]);
             let radar = &settings.radars[plot.radar];
             own.add(held, radar, &plot, is_false);
-            if i == 0 {
+            if is_first {
                 own.add_place(held, radar, (plot.time, self.there));
             }
         }
@@ -71,24 +71,29 @@ impl Track {
     /// not counted. Cost O(plots).
     pub fn count(&self, clutter: &mut [Clutter], settings: &Settings) {
         let (first, radars) = (&self.first, &settings.radars);
-        clutter[first.radar].drop(&radars[first.radar], first.position);
-        for (i, plot) in self.counted().enumerate() {
+        if !self.is_shared {
+            clutter[first.radar].drop(&radars[first.radar], first.position);
+        }
+        for (is_first, plot) in self.counted() {
             let (radar, own) = (&radars[plot.radar], &mut clutter[plot.radar]);
-            if i == 0 {
+            if is_first {
                 own.count_place(radar, (plot.time, self.there));
             }
-            if i == 0 || !own.has_source(radar, plot.position) {
+            if is_first || !own.has_source(radar, plot.position) {
                 own.count(radar, &plot);
             }
         }
     }
 
     /// Its plots; none if its first one does not count: a second plot of a target, a reflection or
-    /// a fixed echo.
-    fn counted(&self) -> impl Iterator<Item = Weighed> + '_ {
+    /// a fixed echo. The first one belongs to another track if it is shared.
+    fn counted(&self) -> impl Iterator<Item = (bool, Weighed)> + '_ {
         let is_single = self.basis.0.is_empty();
         let single = is_single.then(|| Weighed::new(&self.first, self.believed));
-        single.into_iter().chain(self.basis.0.iter().copied()).filter(|_| self.is_counted)
+        let all = single.into_iter().chain(self.basis.0.iter().copied());
+        let is_own =
+            |(is_first, _): &(bool, Weighed)| self.is_counted && !(*is_first && self.is_shared);
+        all.enumerate().map(|(i, plot)| (i == 0, plot)).filter(is_own)
     }
 
     /// Drops the plots and the suspicion: a confirmed track is based on its estimate.

@@ -104,6 +104,21 @@ impl Track {
             && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
+    /// Probability that the track consists of false plots; 0 for confirmed tracks.
+    pub fn false_probability(&self) -> f64 {
+        if self.is_confirmed() { 0.0 } else { 1.0 - self.existence.probability() }
+    }
+
+    /// Notes that another tentative track has taken the first plot before; `probability` is the probability
+    /// that the other track consists of false plots.
+    pub fn share_first(&mut self, probability: f64) {
+        self.is_shared = true;
+        self.existence.favour(probability);
+        if let Stage::Tentative { evidence, .. } = &mut self.stage {
+            *evidence += probability.ln();
+        }
+    }
+
     /// Whether the track may consist of false plots only: no transponder has replied.
     fn may_be_clutter(&self) -> bool {
         !self.identities().is_some()

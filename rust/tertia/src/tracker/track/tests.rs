@@ -2,6 +2,7 @@ use super::*;
 use crate::base::checks::assert_within;
 use crate::sensors::{Radar, radar_of};
 use crate::tracker::ImmModel;
+use crate::tracker::noise::Noise;
 
 fn settings() -> Settings {
     let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
@@ -127,4 +128,27 @@ fn misses_of_several_radars_are_counted_in_the_order_of_time() {
     track.miss(28.0, &settings, |track, radar| rows.push((track.time, radar)));
     let expected = [(8.0, 0), (12.0, 0), (15.0, 1), (16.0, 0), (20.0, 0), (24.0, 0), (25.0, 1)];
     assert_eq!(rows, expected);
+}
+
+#[test]
+fn a_first_plot_that_two_tracks_have_is_counted_once() {
+    let settings = settings();
+    let [mut own, mut shared] = [track(&settings), track(&settings)];
+    let odds = own.existence.probability() / (1.0 - own.existence.probability());
+    shared.share_first(0.75);
+    // the plot may be of the other track's target
+    let probability = shared.existence.probability();
+    assert_within(1e-13, probability / (1.0 - probability), 0.75 * odds);
+    let counted = |track: &mut Track, density: f64| {
+        track.is_counted = true;
+        let mut clutter = [0, 1].map(|sensor| Clutter::of(&settings, sensor));
+        clutter[0].pass([0.0, 4.0], || false, &settings.radars[0]);
+        let noise = settings.radars.iter().map(Noise::new).collect::<Vec<_>>();
+        track.stand(&plot(4.0, [3.08e4, 4.06e4]), density, (&clutter, &noise), &settings);
+        track.count(&mut clutter, &settings);
+        clutter[0].plots(&settings.radars[0])
+    };
+    let [both, one] = [&mut own, &mut shared].map(|track| counted(track, 1e-9));
+    // the first plot is one scan older, of ten
+    assert_within(1e-12, both / one, 1.0 + (-0.1_f64).exp());
 }
