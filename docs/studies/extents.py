@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -164,7 +165,10 @@ def table() -> str:
             plots, owner = (by_lidar if is_road else by_radar)(targets, seen, random)
             for extent in (0.0, 5.0 if is_road else LENGTH):
                 sensor = replace(LIDAR if is_road else HARBOUR, target_extent=extent)
-                tracks = track(plots, [sensor], profile="road" if is_road else "vessel")
+                with warnings.catch_warnings():
+                    # that extents should be stated
+                    warnings.simplefilter("ignore", UserWarning)
+                    tracks = track(plots, [sensor], profile="road" if is_road else "vessel")
                 found.setdefault(extent, []).append(judged(tracks, owner, targets))
         for extent, results in found.items():
             squares, within = np.concatenate([one for _, one in results]).T

@@ -645,6 +645,21 @@ def test_a_sigma_in_radians_looks_wrong(write: Write) -> None:
     assert "azimuth_sigma_deg of west is 0.0017 degrees: is it in radians?" in done.err
 
 
+def test_targets_that_give_several_plots_in_a_scan(write: Write) -> None:
+    """Parts of ten ships 200 m long, one to five in each scan."""
+    random = np.random.default_rng(4)
+    ship, scan = np.repeat(np.divmod(np.arange(400), 40), random.integers(1, 6, 400), axis=1)
+    place = np.stack([2e3 + 4.0 * 4.0 * scan, 1e3 * ship - 5e3], axis=-1)
+    place += random.uniform(-0.5, 0.5, (len(scan), 1)) * [200.0, 0.0]
+    azimuth = np.degrees(np.arctan2(*place.T)) % 360.0
+    rows = np.stack([4.0 * (scan + azimuth / 360.0), np.hypot(*place.T), azimuth], axis=-1)
+    written = [f"{a:.4f},{b:.2f},{c:.4f}" for a, b, c in rows[np.argsort(rows[:, 0])]]
+    path = write(written, "time_s,range_m,azimuth_deg", "ships.csv")
+    one = write(["quay,0,0,0,10,0.2,4,15000,0.95"], RADAR_HEAD, "quay.csv")
+    done = run(path, "--sensors", one, "--profile", "vessel")
+    assert "quay: many targets give several plots in a scan" in done.err
+
+
 def test_files_may_have_different_identities(write: Write, radars: Path, tmp_path: Path) -> None:
     east = [line for line in lines() if ",east," in line]
     west = [line for line in lines() if ",west," in line]

@@ -112,7 +112,9 @@ def test_a_ship_has_one_track_with_a_region_that_contains_its_centre(recorded):
         assert rms < 40.0
         assert inside > 0.95
         # as points, ships have several tracks
-        assert len(owners(track(plots, [POINT], profile="vessel"), owner)) > 8
+        with pytest.warns(UserWarning, match="target_extent"):
+            as_points = track(plots, [POINT], profile="vessel")
+        assert len(owners(as_points, owner)) > 8
 
 
 def test_ships_that_pass_each_other_keep_their_plots():
@@ -211,6 +213,29 @@ def test_late_plots_and_saved_trackers_change_nothing():
     # plots that were combined in a call have the track of the others
     whole = track(plots, [RADAR], profile="vessel", lag=5.0).track_of_plot
     assert np.count_nonzero(whole > 0) > 2 * np.count_nonzero(expected.plot >= 0)
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_extents_that_are_not_stated_are_said(recorded):
+    plots, _ = plots_of(11)
+    with pytest.warns(UserWarning, match=r"sensors\[0\]: many targets .* as target_extent"):
+        track(plots, [POINT], profile="vessel") if recorded else live(plots, POINT)
+
+
+def test_targets_that_fly_together_have_no_extent():
+    """Each ship has a companion 60 m away, and a fifth of its plots come twice."""
+    plots, owner = plots_of(11, single=True)
+    random = np.random.default_rng(12)
+    ship = np.flatnonzero(owner >= 0)
+    other = ship[random.uniform(size=len(ship)) < 0.95]
+    double = ship[random.uniform(size=len(ship)) < 0.2]
+    own = np.concatenate([np.arange(len(plots)), other, double])
+    away = np.concatenate(
+        [np.zeros(len(plots)), np.full(len(other), 60.0), np.full(len(double), 3)]
+    )
+    order = np.argsort(plots.time[own], kind="stable")
+    several = Plots(plots.time[own], plots.range[own] + away, plots.azimuth[own])[order]
+    assert len(np.unique(track(several, [POINT], profile="vessel").track)) >= len(SHIPS)
 
 
 @pytest.mark.parametrize("value", [-1.0, 2e5, np.nan, np.inf])

@@ -173,7 +173,7 @@ def test_it_is_true_or_false():
 
 
 def test_a_false_plot_does_not_delay_a_target():
-    """The first two plots might be of one target, but where false plots are dense that is unlikely."""
+    """Its first plot is near a false one, as if both were of one target."""
     time = RADAR.scan_period * np.arange(6)
     east = np.array([-1e3, 0.0, 0.0, 0.0, 0.0, 0.0])
     north = np.array([60e3, 60e3, 61.2e3, 62.4e3, 63.6e3, 64.8e3])

@@ -38,7 +38,7 @@ from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
 from tertia.tracker._biases import without_deviation
-from tertia.tracker._doubts import Shared, place_doubts
+from tertia.tracker._doubts import Shared, extent_doubts, place_doubts
 from tertia.tracker._recording import tracked
 
 PLOTS: Schema = {
@@ -366,7 +366,8 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
     table, bias = tracked(plots, radars.items, plans=plans, **options)
     found = Tracking(recording, plans, table, bias, time.perf_counter() - start)
     said = Shared(radars.items).doubts(table, last=True)
-    for one in said + place_doubts(radars.items, bias, radars.names):
+    said += place_doubts(radars.items, bias, radars.names)
+    for one in said + extent_doubts(table, plots, radars.items, radars.names):
         doubt(one)
     if len(plots) and np.all(table.track_of_plot < 0):
         raise RecordError(f"no plot can be used: {'; '.join(found.refused)}")

@@ -11,8 +11,9 @@ from tertia import _core
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._extents import Extents
 from tertia.tracker._plots import Plots
-from tertia.tracker._registrar import joined
+from tertia.tracker._registrar import chosen, joined, scans
 from tertia.tracker._sensors import Sensor, interval
 from tertia.tracker._table import TrackTable
 
@@ -104,7 +105,7 @@ class Doubts:
         self._plots: list[Plots] = []
         self._count, self._due = 0, np.nan
         self._span = _PERIODS * max(map(interval, sensors))
-        self._shared = Shared(sensors)
+        self._shared, self._extents = Shared(sensors), Extents(sensors)
         # when to look at the errors of the sensors
         self._look = np.nan
 
@@ -118,9 +119,13 @@ class Doubts:
         self._look = np.inf if said else time + _AGAIN
         return said
 
-    def after(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
-        """Return what there is to say after an update with these plots and rows."""
-        return self._of_periods(plots, names) + self._shared.doubts(table)
+    def after(self, table: TrackTable, plots: Plots, first: int, names: Sequence[str]) -> list[str]:
+        """Return what there is to say after an update with plots from index `first` on."""
+        said = self._of_periods(plots, names) + self._shared.doubts(table)
+        if self._extents.are_known:
+            return said
+        own = np.flatnonzero((table.plot >= first) & (table.plot < first + len(plots)))
+        return said + self._extents.after(table.track[own], table.plot[own] - first, plots, names)
 
     def _of_periods(self, plots: Plots, names: Sequence[str]) -> list[str]:
         """Return what there is to say about periods that are known with these plots."""
@@ -207,6 +212,24 @@ def recording_doubts(
         if not isinstance(sensor, Station):
             seen = seen_by(sensor, plots[_begin(sensor, k, plots)])
             said += period_doubts(sensor, seen, name, max_speed)
+    return said + extent_doubts(table, plots, sensors, names_of(sensors))
+
+
+def extent_doubts(
+    table: TrackTable, plots: Plots, sensors: Sequence[Sensor], names: Sequence[str]
+) -> list[str]:
+    """Return whether targets in a recording give several plots in a scan."""
+    extents, said = Extents(sensors), []
+    extents.expect(plots)
+    if extents.are_known:
+        return []
+    track = np.full(len(plots), -1)
+    track[table.plot[table.plot >= 0]] = table.track[table.plot >= 0]
+    for index in scans(plots.time, max(map(interval, sensors))):
+        if extents.are_known:
+            break
+        used = np.flatnonzero(track[index] >= 0)
+        said += extents.after(track[index][used], used, chosen(plots, index), names)
     return said
 
 

@@ -40,8 +40,9 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
     Warns
     -----
     UserWarning
-        If the period of a sensor is wrong, two tracks have the same address at the same time, or
-        all radars have the same errors, as if the position of one of them were wrong.
+        If the period of a sensor is wrong, two tracks have the same address at the same time, all
+        radars have the same errors, as if the position of one of them were wrong, or many targets
+        give several plots in a scan although `target_extent` is 0.
 
     Examples
     --------

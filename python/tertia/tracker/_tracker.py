@@ -268,8 +268,9 @@ class Tracker:
         UserWarning
             If the plots of a sensor go on at other times than those of the others, if the tracker
             starts anew because all plots come from an earlier time, if a period is wrong, if two
-            tracks have the same address at the same time, or if all radars have the same errors, as
-            if the position of one of them were wrong.
+            tracks have the same address at the same time, if all radars have the same errors, as if
+            the position of one of them were wrong, or if many targets give several plots in a scan
+            although `target_extent` is 0.
         """
         table = self._track(plots, time, recording=False)
         for said in self._doubts(table, plots, names_of(self.sensors)):
@@ -348,7 +349,8 @@ class Tracker:
 
     def _doubts(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
         """Return what there is to say after these plots, which led to these rows."""
-        said = self._doubted.after(table, plots, names)
+        first = self._core.plots - len(plots)
+        said = self._doubted.after(table, plots, first, names)
         if self._registrar is not None:
             registrar, time = self._registrar, self._core.time
             said += self._doubted.of_places(self.sensors, lambda: registrar.bias, time)
