@@ -389,6 +389,9 @@ def test_large_errors_are_found_with_many_targets():
     seen = replace(seen, azimuth=seen.azimuth + off)
     assert len(_thinned(seen, 2)) < 0.8 * len(seen)
     assert len(np.unique(_thinned(seen, 2).identity)) == _AMPLE
+    # also if most plots have no identity, as with many false plots
+    rare = replace(seen, identity=np.where(np.arange(len(seen)) % 5 < 2, seen.identity, -1))
+    assert len(np.unique(_thinned(rare, 2).identity)) == _AMPLE
     azimuth = np.degrees(tracked(seen, RADARS)[1].azimuth)
     assert azimuth[1] - azimuth[0] == pytest.approx(1.0, abs=0.06)  # four sigma
     # nothing is left out where there are few targets, or few identities

@@ -396,16 +396,17 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
     """Return the plots of only so many targets per sensor as are needed to find large errors.
 
     The targets are selected by their identities, the same for all sensors. Nothing is left out if
-    most plots of a sensor have no identity.
+    most plots of a sensor have no identity, unless those that have one are of targets enough.
     """
     identity = getattr(plots, leading(plots, NUMBERS))
     has_identity, each = identity >= 0, []
     for k in range(sensors):
         own = plots.sensor == k
         known = identity[own & has_identity]
-        if 2 * len(known) < np.count_nonzero(own):
+        codes = np.unique(known)
+        if len(codes) < _AMPLE and 2 * len(known) < np.count_nonzero(own):
             return plots
-        each.append(np.unique(known))
+        each.append(codes)
     if all(len(codes) <= _AMPLE for codes in each):
         return plots
     several, times = np.unique(np.concatenate(each), return_counts=True)
