@@ -312,7 +312,7 @@ def fuse_series(
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
-    if method == "robust":
+    if method == "robust" and np.count_nonzero(outlier):
         _doubt_radars(outlier & ~repeated, ~np.isnan(plots) & ~repeated)
     if np.count_nonzero(lasting):
         variance = spread(stated, plots.shape)
