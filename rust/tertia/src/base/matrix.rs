@@ -280,6 +280,35 @@ pub(crate) fn solve_definite(a: &mut DMatrix<f64>, b: &mut [f64]) -> bool {
     true
 }
 
+/// Inverse of a square matrix, by elimination of columns with exchanges; none if the matrix is singular. With some
+/// twenty rows it takes about half the time of `try_inverse`, whose loops are over views.
+pub(crate) fn inverse(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = a.nrows();
+    let mut found = a.clone();
+    let mut pivots = Vec::with_capacity(n);
+    for row in 0..n {
+        let size = |column: &usize| found[(row, *column)].abs();
+        let pivot = (row..n).max_by(|i, j| size(i).total_cmp(&size(j)))?;
+        found.swap_columns(row, pivot);
+        pivots.push(pivot);
+        let (before, rest) = found.as_mut_slice().split_at_mut(row * n);
+        let (own, after) = rest.split_at_mut(n);
+        let reciprocal = 1.0 / std::mem::replace(&mut own[row], 1.0);
+        if !reciprocal.is_finite() {
+            return None;
+        }
+        own.iter_mut().for_each(|value| *value *= reciprocal);
+        for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
+            let share = std::mem::take(&mut other[row]);
+            other.iter_mut().zip(&*own).for_each(|(value, own)| *value -= share * own);
+        }
+    }
+    for (row, pivot) in pivots.into_iter().enumerate().rev() {
+        found.swap_rows(row, pivot);
+    }
+    Some(found)
+}
+
 /// Replaces a matrix by its mean with its transpose.
 pub(crate) fn symmetrise<D: Dim>(a: &mut Square<D>)
 where
@@ -303,5 +332,20 @@ where
         for (j, value) in row.iter_mut().enumerate() {
             *value = a[(i, j)];
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_inverse_needs_exchanges_of_columns() {
+        let a = DMatrix::from_row_slice(3, 3, &[0.0, 2.0, 1.0, 1.0, 0.0, 3.0, 4.0, 5.0, 0.0]);
+        let found = inverse(&a).unwrap();
+        assert!((&a * &found - DMatrix::identity(3, 3)).amax() < 1e-15);
+        assert!((found - a.try_inverse().unwrap()).amax() < 1e-15);
+        assert_eq!(inverse(&DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 4.0])), None);
+        assert_eq!(inverse(&DMatrix::from_element(1, 1, f64::NAN)), None);
     }
 }

@@ -1,6 +1,7 @@
 //! Detection of sudden changes of the errors of a radar by likelihood ratios.
 
 use super::gaussian::scaled;
+use crate::base::matrix::{inverse, solve_definite};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +48,7 @@ impl Surprise {
         let order = mean.len();
         let off = score - information * mean;
         let sum = DMatrix::identity(order, order) + information * covariance;
-        let inverse = sum.try_inverse()?;
+        let inverse = inverse(&sum)?;
         Some(Self { score: &inverse * off, information: inverse * information })
     }
 
@@ -58,11 +59,16 @@ impl Surprise {
             return None;
         }
         let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| self.score[c]));
-        let t = self.information.select_rows(columns).select_columns(columns);
         let jump = size * size;
-        let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
-        let expected = jump * (m.clone().try_inverse()? * &g);
-        Some((0.5 * g.dot(&expected) - 0.5 * m.determinant().ln(), expected.amax()))
+        let element = |i: usize, j: usize| jump * self.information[(columns[i], columns[j])];
+        let mut sum = DMatrix::from_fn(columns.len(), columns.len(), element);
+        (0..columns.len()).for_each(|i| sum[(i, i)] += 1.0);
+        let mut expected = jump * &g;
+        if !solve_definite(&mut sum, expected.as_mut_slice()) {
+            return None;
+        }
+        let ln_determinant: f64 = sum.diagonal().iter().map(|pivot| pivot.ln()).sum();
+        Some((0.5 * g.dot(&expected) - 0.5 * ln_determinant, expected.amax()))
     }
 }
 

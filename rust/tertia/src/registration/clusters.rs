@@ -76,11 +76,20 @@ impl Clusters {
     /// errors.
     pub fn excess(&self, covariance: &DMatrix<f64>) -> Option<f64> {
         let (mut found, mut expected, mut variance) = (0.0, 0.0, 0.0);
+        let mut parts: BTreeMap<&[usize], DMatrix<f64>> = BTreeMap::new();
         for Cluster { columns, information, score, .. } in self.0.values() {
-            let known = covariance.select_rows(columns).select_columns(columns);
-            let share = &known * information;
-            let squares = share.dot(&share.transpose());
-            found += score.dot(&(known * score));
+            let known = parts
+                .entry(columns)
+                .or_insert_with(|| covariance.select_rows(columns).select_columns(columns));
+            let share = &*known * information;
+            // the trace of its square
+            let order = columns.len();
+            let rows = (0..order).map(|i| share.as_slice()[i..].iter().step_by(order));
+            let pairs = rows.zip(share.as_slice().chunks_exact(order.max(1)));
+            let squares: f64 =
+                pairs.map(|(row, column)| row.zip(column).map(|(a, b)| a * b).sum::<f64>()).sum();
+            let columns = known.column_iter().zip(score.iter());
+            found += columns.map(|(column, own)| own * column.dot(score)).sum::<f64>();
             // the errors are estimated from the same blocks
             expected += (share.trace() - squares).max(0.0);
             variance += 2.0 * squares;
@@ -196,17 +205,21 @@ impl Cluster {
 
     /// Adds columns that are not yet there.
     fn cover(&mut self, columns: &[usize]) {
-        for &column in columns {
-            if let Err(place) = self.columns.binary_search(&column) {
-                self.columns.insert(place, column);
-                for own in [&mut self.information, &mut self.slope] {
-                    let before = std::mem::replace(own, DMatrix::zeros(0, 0));
-                    *own = before.insert_row(place, 0.0).insert_column(place, 0.0);
-                }
-                let score = std::mem::replace(&mut self.score, DVector::zeros(0));
-                self.score = score.insert_row(place, 0.0);
-            }
+        let place = |own: &[usize], column: &usize| own.binary_search(column).ok();
+        if columns.iter().all(|column| place(&self.columns, column).is_some()) {
+            return;
         }
+        let mut all = [&self.columns, columns].concat();
+        all.sort_unstable();
+        all.dedup();
+        let before: Vec<_> = all.iter().map(|column| place(&self.columns, column)).collect();
+        for own in [&mut self.information, &mut self.slope] {
+            let element = |i: usize, j: usize| Some(own[(before[i]?, before[j]?)]);
+            *own = DMatrix::from_fn(all.len(), all.len(), |i, j| element(i, j).unwrap_or(0.0));
+        }
+        let score = |i: usize| before[i].map_or(0.0, |place| self.score[place]);
+        self.score = DVector::from_fn(all.len(), |i, _| score(i));
+        self.columns = all;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Estimate of the errors of all radars as one Gaussian, in units of the prior.
 
+use crate::base::matrix::inverse;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -97,7 +98,7 @@ impl Gaussian {
                 sum[(i, j)] -= self.covariance[(i, j)] * less[kind];
             }
         }
-        let Some(inverse) = sum.try_inverse() else { return self.covariance.clone() };
+        let Some(inverse) = inverse(&sum) else { return self.covariance.clone() };
         let covariance = inverse * &self.covariance;
         0.5 * (&covariance + covariance.transpose())
     }
@@ -113,7 +114,7 @@ impl Gaussian {
     pub fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
         let order = self.mean.len();
         let sum = DMatrix::identity(order, order) + &self.covariance * information;
-        let Some(inverse) = sum.try_inverse() else { return };
+        let Some(inverse) = inverse(&sum) else { return };
         let covariance = inverse * &self.covariance;
         self.covariance = 0.5 * (&covariance + covariance.transpose());
         self.mean += &self.covariance * (score - information * &self.mean);
