@@ -155,6 +155,18 @@ class TestIntervals:
         assert held / trials > 0.92
         assert wrong / trials < 0.07
 
+    @pytest.mark.parametrize(("targets", "correlation"), [(10, 0.9), (20, 0.98), (10, 1.0)])
+    def test_hold_the_truth_if_targets_follow_in_turn(self, targets, correlation):
+        """Without groups; half of the variance lasts."""
+        held, trials = 0, 40
+        for trial in range(trials):
+            error, _ = lasting_errors(correlation, targets, 80, 700 + trial)
+            error = (error + rng(800 + trial).standard_normal(error.shape)) / np.sqrt(2)
+            turns = error.reshape(targets, 80, 2).swapaxes(0, 1).reshape(-1, 2)
+            nees = audit(turns, 1.0).nees
+            held += nees.low <= 1.0 <= nees.high
+        assert held / trials > 0.9
+
     def test_as_if_independent_they_would_not(self):
         held = 0
         for trial in range(self.TRIALS):

@@ -190,7 +190,10 @@ def audit(
     With fewer than ten groups, the effective number of errors follows from the posterior
     distribution of models in which one part of each error is a Gauss-Markov process and the rest is
     white noise. The models are fitted to the whitened errors and to the ranks of their squares,
-    which also reveal changes of the variance; the smaller of the two effective numbers is used. The
+    which also reveal changes of the variance; the smaller of the two effective numbers is used.
+    Rows of several targets in turn are recognised if errors are more similar to those of later rows
+    than to those of the next row; the errors of each target are then separated if no rows are
+    missing. It is nevertheless better to give the groups. The
     interval of the NEES is the confidence interval of a variance, averaged over this posterior
     distribution. The interval of a proportion is Wilson's (1927). Its effective number follows from
     the correlation of normally distributed errors, which is converted to the correlation of the

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import reduce
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +19,13 @@ _OF_ERRORS, _OF_RANKS = np.eye(8)[1], np.eye(8)[0]
 # of the correlation, to which the weights of the core belong
 _POWERS = (1, 2, 3, 4, 6, 8, 12, 16)
 _MOST_SHARE = 0.9
+# of rows of several targets in turn: the fewest rows of each, the numbers of steps over which
+# correlations are averaged, and the standard errors that they exceed those of the first steps by
+_FEWEST_TURNS, _WIDTHS, _SIGNIFICANT = 4, (1, 4, 16), 4.0
+_SIMILAR = 0.8
+
+# probabilities of models, and the numbers of rows that are worth one value
+_Models: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +78,8 @@ class Record:
     squares: FloatArray
     axes: int
     group: IntArray
-    models: tuple[tuple[FloatArray, FloatArray], ...]
+    # models of the errors, one or two sets, and of the ranks; empty if groups are compared
+    models: tuple[_Models, ...]
     # mean correlation of two errors of a group, and the mean number of other errors of the group
     common: tuple[float, float]
 
@@ -83,11 +93,11 @@ class Record:
             return cls(squares, axes, group, (), common)
         ranks = np.empty(count)
         ranks[np.argsort(squares, kind="stable")] = (np.arange(count) + 0.5) / count - 0.5
-        lasting = (
-            _core.lasting(np.ascontiguousarray(errors), gaps),
-            _core.lasting(ranks[:, np.newaxis], gaps),
-        )
-        return cls(squares, axes, group, lasting, common)
+        of_errors = _core.lasting(np.ascontiguousarray(errors), gaps)
+        turn = _turn(errors, *of_errors)
+        models = _in_turn(errors, group, turn, *of_errors) if turn else (of_errors,)
+        of_ranks = _core.lasting(ranks[:, np.newaxis], gaps)
+        return cls(squares, axes, group, (*models, of_ranks), common)
 
     def of_mean(self) -> Worth:
         """Return the effective numbers of values for the mean square of the errors."""
@@ -126,12 +136,51 @@ class Record:
         count = len(values)
         if not self.models:
             return _clustered(values, self.group)
-        rows = [
-            (probability, per_value @ weight)
-            for (probability, per_value), weight in zip(self.models, weights, strict=True)
-        ]
-        probability, per_value = _larger(*rows)
+        each = [weights[0]] * (len(self.models) - 1) + [weights[1]]
+        rows = [(p, of @ weight) for (p, of), weight in zip(self.models, each, strict=True)]
+        probability, per_value = reduce(_larger, rows)
         return Worth(np.maximum(count / per_value, 1.0), probability)
+
+
+def _turn(errors: FloatArray, probability: FloatArray, per_value: FloatArray) -> int:
+    """Return after how many rows errors are significantly more similar than in successive rows.
+
+    The rows are then those of several targets in turn. If there is no such number, it is 0.
+    """
+    count, axes = errors.shape
+    most = count // _FEWEST_TURNS
+    spectrum = np.abs(np.fft.rfft(errors, 2 * count, axis=0)) ** 2
+    products = np.fft.irfft(spectrum.sum(axis=1), 2 * count)[: most + 1]
+    if not products[0] > 0.0:
+        return 0
+    correlation = products / products[0] / (1.0 - np.arange(most + 1) / count)
+    sums = np.cumsum(correlation) - 1.0
+    linear, square = (float(probability @ per_value[:, k]) for k in (0, 1))
+    for width in (one for one in _WIDTHS if 2 * one <= most):
+        means = (sums[width:] - sums[:-width]) / width
+        # neighbouring correlations have errors in common (Bartlett 1946)
+        variance = square * min(2.0 * linear / width, 1.0) / (axes * (count - most))
+        excess = means[1:] - max(float(correlation[1]), 0.0)
+        if np.max(excess) > _SIGNIFICANT * np.sqrt(variance):
+            # later turns are as similar, if errors last
+            return int(np.argmax(excess > _SIMILAR * np.max(excess))) + 2 + width // 2
+    return 0
+
+
+def _in_turn(
+    errors: FloatArray, group: IntArray, turn: int, probability: FloatArray, per_value: FloatArray
+) -> Iterator[_Models]:
+    """Yield models of the errors of several targets in turn, given those of one target.
+
+    Two rows belong to the same target with a probability p, and the correlation of their errors is
+    p times that of the target, so that powers of it would be too small. If no rows are missing, the
+    errors of each target can be separated.
+    """
+    yield probability, np.repeat(per_value[:, :1], len(_POWERS), axis=1)
+    rows = np.arange(len(errors))
+    order = np.lexsort((rows, rows % turn, group))
+    gaps = np.where(np.diff(order, prepend=0) == turn, 1.0, 0.0)
+    yield _core.lasting(errors[order], gaps)
 
 
 def _common(errors: FloatArray, group: IntArray) -> tuple[float, float]:
@@ -163,9 +212,7 @@ def _clustered(values: FloatArray, group: IntArray) -> Worth:
     return Worth(np.array([number]), np.ones(1), _balanced(group) - 1.0)
 
 
-def _larger(
-    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
+def _larger(one: _Models, other: _Models) -> _Models:
     """Return the probabilities and the values of the larger of two independent variables."""
     values = np.union1d(one[1], other[1])
 
