@@ -251,6 +251,8 @@ def estimate_bearing(
     variances under the hypotheses, which are computed from the outer products of the scores, plus
     the variance of the results between the hypotheses. For the latter, the weights have half that
     penalty, because hypotheses that are too doubtful to contribute to the mean may still be true.
+    If bad measurements beside the good ones form no peak of their own, all of them may be good,
+    with skewed noise: sigma then includes the distance to their mean.
 
     **Repeated values.** A stuck instrument, or rows that were recorded several times, give the same
     number again and again. If all changes are a multiple of r > 1 measurements apart, only one of r

@@ -158,6 +158,19 @@ class Modes:
         other.share *= min(1.0, 0.5 / other.share.sum())
         return other
 
+    def are_peaks(self):
+        """Whether each bad mode is a peak beside the good one."""
+        z = self.d[:, None] * np.arange(13) / 12
+
+        def density(share, off, width):
+            return share * np.exp(-0.5 * (off / width) ** 2) / width
+
+        good = density(1 - self.share.sum(), z, self.s)
+        share, d, t = (v[:, None] for v in (self.share, self.d, self.t))
+        found = good + density(share, z - d, t)
+        lowest = np.minimum.accumulate(found, axis=1)
+        return np.any(found > 1.2 * lowest, axis=1)
+
     def point(self):
         first = [self.mu, np.log(self.s), self.kappa]
         return np.concatenate([first, self.d, np.log(self.t), self.share])
@@ -422,6 +435,10 @@ def mixtures(y, step, bursts=True):
         for modes, parameters in found:
             g, likelihood, _, _ = modes.posterior(y)
             rows.append((likelihood, parameters, modes, g, modes.s, False))
+            if shape != "wide" and modes.kappa == 0 and not modes.are_peaks().all():
+                good = 1 - g[:, 1:] @ modes.are_peaks()
+                width = np.sqrt(np.average((y - np.average(y, weights=good)) ** 2, weights=good))
+                rows.append((likelihood, parameters, None, good[:, None], width, True))
             if shape == "one" and g[:, 1].sum() > 0.45 * n:
                 mirror = modes.mirrored()
                 g, likelihood, _, _ = mirror.posterior(y)
@@ -445,9 +462,7 @@ class Hypothesis:
             self.gain, inflation, self.phi = correlated(y[kept], kept, rho)
         self.log, self.of_sigma, self.of_levels = self.log + self.gain, 0.0, 0
         self.influence = self.g[:, 0].copy()
-        if self.modes is None:
-            self.influence = np.ones(len(y))
-        elif self.modes.shape == "wide":
+        if self.modes is not None and self.modes.shape == "wide":
             self.influence += self.g[:, 1] * (self.modes.s / self.modes.t[0]) ** 2
         self.count = max(self.g[:, 0].sum(), 2.5)
         white = self.width**2 / self.count

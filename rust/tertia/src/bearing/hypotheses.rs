@@ -44,7 +44,7 @@ const FEWEST_LEVELS: f64 = 4.0;
 /// Smallest number of good measurements assumed in the degrees of freedom of a hypothesis.
 const LEAST_GOOD: f64 = 2.5;
 
-/// One hypothesis: a mixture, or a clean record (`modes` is `None`).
+/// One hypothesis: a mixture, or noise of any distribution (`modes` is `None`).
 #[derive(Clone, Debug, Default)]
 pub(super) struct Hypothesis {
     pub modes: Option<Modes>,
@@ -183,8 +183,7 @@ impl Hypothesis {
             Some(Modes { shape: Shape::Wide, width, bad, .. }) => {
                 self.is_good(i) + self.bad[i] * (width / bad[0].width).powi(2)
             }
-            Some(_) => self.is_good(i),
-            None => 1.0,
+            _ => self.is_good(i),
         }
     }
 }
@@ -241,6 +240,7 @@ impl Hypotheses {
         for shape in [Shape::OneSided, Shape::Wide, Shape::TwoSided] {
             let modes = self.independent(shape, y, &totals, floor);
             let last = self.add(modes, y);
+            self.add_skewed(last, y);
             if bursts && self.persist(last) {
                 let modes = self.sticky(modes, y, &totals, floor);
                 let last = self.add(modes, y);
@@ -353,6 +353,35 @@ impl Hypotheses {
             let mirror = self.add(modes.mirrored(), y);
             self.list[mirror].doubt = true;
         }
+    }
+
+    /// If a bad mode beside the good one is no peak of its own, the data do not show whether its measurements
+    /// are bad, or good ones with skewed noise. Adds the latter as a hypothesis that counts in sigma only.
+    fn add_skewed(&mut self, which: usize, y: &[f64]) {
+        let fitted = &self.list[which];
+        let Some(modes) = fitted.modes.filter(|m| m.shape != Shape::Wide) else { return };
+        let is_peak: Vec<bool> = (0..modes.kinds()).map(|j| modes.is_peak(j)).collect();
+        if is_peak.iter().all(|peak| *peak) {
+            return;
+        }
+        let is_good = |bad: &[f64]| {
+            let peaks = bad.iter().zip(&is_peak).filter(|(_, peak)| **peak);
+            1.0 - peaks.map(|(share, _)| share).sum::<f64>()
+        };
+        let good_probability: Vec<f64> =
+            fitted.bad.chunks_exact(modes.kinds()).map(is_good).collect();
+        let good: f64 = good_probability.iter().sum();
+        let all = || good_probability.iter().zip(y);
+        let centre = all().map(|(share, y)| share * y).sum::<f64>() / good;
+        let square: f64 = all().map(|(share, y)| share * (y - centre).powi(2)).sum();
+        self.list.push(Hypothesis {
+            width: (square / good).sqrt(),
+            good_probability,
+            log_likelihood: fitted.log_likelihood,
+            parameters: fitted.parameters,
+            doubt: true,
+            ..Hypothesis::default()
+        });
     }
 
     /// Adds a fitted mixture; returns its index.

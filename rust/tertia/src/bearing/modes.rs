@@ -17,6 +17,11 @@ const LEAST_COUNT: f64 = 0.25;
 /// Replaces a count of zero in divisors.
 const NONE: f64 = 1e-9;
 const LEAST_PERSISTENCE: f64 = 1e-4;
+/// Number of places from the good mode to a bad mode at which densities are compared.
+const PLACES: usize = 12;
+/// Smallest density of a peak, relative to the lowest one before it; mixtures that are fitted to skewed noise
+/// have a slight dip by chance.
+const PEAK: f64 = 1.2;
 const LARGEST_PERSISTENCE: f64 = 0.98;
 
 /// Returns what must be subtracted from all log ratios of a value so that
@@ -180,6 +185,23 @@ impl Modes {
         found.bad[0] = bad;
         found.limit_shares();
         found
+    }
+
+    /// Whether the density between the good mode and a bad one is clearly lower than in the bad one.
+    pub fn is_peak(&self, j: usize) -> bool {
+        let of =
+            |share: f64, z: f64, width: f64| share * (-0.5 * (z / width).powi(2)).exp() / width;
+        let bad = self.bad[j];
+        let density = |k: usize| {
+            let z = bad.offset * k as f64 / PLACES as f64;
+            of(self.good_share(), z, self.width) + of(bad.share, z - bad.offset, bad.width)
+        };
+        let mut lowest = density(0);
+        (1..=PLACES).any(|k| {
+            let found = density(k);
+            lowest = lowest.min(found);
+            found > PEAK * lowest
+        })
     }
 
     /// Limits the shares of the bad modes so that at least half of the measurements are good.
