@@ -406,7 +406,6 @@ def smooth(
 
     Notes
     -----
-    A warning says if deviations from the path that are larger than stated oscillate, as of waves.
     Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
     of covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
     Rauch, Tung and Striebel (1965), except that an unknown initial state is treated exactly, not
@@ -420,10 +419,11 @@ def smooth(
     covariance. In one model the noise is white and larger than stated. In the others, a fraction of
     0.6 or 0.95 of its variance is that of a Gauss-Markov process with one of seven correlation
     times. Where such noise is likely and larger than stated, the process may as well be a motion
-    about the path with the noise as stated: these models are averaged, too. If velocities are
-    measured, outliers are first searched for among the positions; velocities that contradict the
-    remaining positions are left out. The other velocities may be less precise than stated or
-    correlated in time, or may lag behind the positions.
+    about the path with the noise as stated: these models are averaged, too. So are models in which
+    the position oscillates about the path, as in waves; a warning says if one of them is the
+    likeliest. If velocities are measured, outliers are first searched for among the positions;
+    velocities that contradict the remaining positions are left out. The other velocities may be
+    less precise than stated or correlated in time, or may lag behind the positions.
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the
@@ -488,8 +488,8 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
-    warn_of_oscillations(plots, mean, outlier[..., :1], found[4], instants)
-    intensity, error, wandering, lasting, factor, *rest = map(scalar_or_array, found)
+    warn_of_oscillations(found[-1])
+    intensity, error, wandering, lasting, factor, *rest = map(scalar_or_array, found[:-1])
     return SmoothedPositions(
         mean,
         matrix,

@@ -424,15 +424,45 @@ def test_times_from_a_second_to_a_day_apart(q):
         np.testing.assert_allclose(found.sigma[:, 0] / sigma[:, 0], 1, rtol=1e-6)
 
 
-def test_waves_are_doubted():
+def swell(time, period, random):
+    """Waves of many periods and of unit standard deviation: heights, and their rates."""
+    rate = 2 * np.pi / period * (1 + 0.15 * random.standard_normal(40))
+    phase = np.outer(time, rate) + random.uniform(0, 2 * np.pi, 40)
+    height = np.sin(phase).sum(axis=1) / np.sqrt(20)
+    return height, (rate * np.cos(phase)).sum(axis=1) / np.sqrt(20)
+
+
+def test_waves_of_many_periods():
+    inside, velocities = [], []
+    for seed in range(4):
+        random = rng(seed)
+        time = np.cumsum(random.uniform(0.5, 1.5, 300))
+        height, rate = swell(time, 9, random)
+        y = np.column_stack([0.5 * time, 1.4 * height]) + random.standard_normal((300, 2))
+        with pytest.warns(UserWarning, match="oscillate"):
+            found = smooth(y, 1.0, time=time)
+        error = found.position - np.column_stack([0.5 * time, 1.4 * height])
+        assert np.sqrt(np.mean(error[:, 1] ** 2)) < 0.7
+        assert np.std(error[:, 0]) < 0.4
+        inside.append(in_region(error, found.position_covariance))
+        error = found.velocity - np.column_stack([np.full(300, 0.5), 1.4 * rate])
+        velocities.append(in_region(error, found.velocity_covariance))
+    assert 0.9 < np.mean(inside) < 0.99
+    assert np.mean(velocities) > 0.9
+
+
+def test_waves():
     """A buoy: the errors of its positions would not oscillate."""
     time = np.arange(300.0)
     phase = 2 * np.pi * time / 9
     waves = np.column_stack([0.5 * time + 1.5 * np.sin(phase), 2 * np.cos(phase)])
     for seed in range(3):
         y = waves + rng(seed).standard_normal(waves.shape)
-        with pytest.warns(UserWarning, match="oscillate with a period of about (8|9|10),"):
-            smooth(y, 1.0, time=time)
+        with pytest.warns(UserWarning, match=r"oscillate with a period of about (8\.9|9|9\.1),"):
+            found = smooth(y, 1.0, time=time)
+        error = found.position - waves
+        assert np.sqrt(np.mean(error**2)) < 0.3
+        assert np.mean(in_region(error, found.position_covariance)) > 0.9
         with pytest.warns(UserWarning, match="oscillate"):
             smooth(np.stack([waves, y]), 1.0, dt=1.0)
     # with a jerk, they are motion; no warning

@@ -19,8 +19,8 @@ const FIT: f64 = 20.0;
 
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
-/// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 8]);
+/// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors, frequencies.
+type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 9]);
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, and `variance` one number per row.
@@ -82,7 +82,7 @@ pub struct Tracks<'py> {
 }
 
 /// Means, covariances, innovations and outliers; log-likelihoods, counts, jerks, acceleration
-/// noise, and the estimated noise.
+/// noise, the estimated noise, and the angular frequencies of oscillations.
 #[pyfunction]
 pub fn smooth<'py>(
     py: Python<'py>,
@@ -173,7 +173,7 @@ fn scalars<'py>(
     summaries: &[(Summary, NoiseFit)],
 ) -> PyResult<Scalars<'py>> {
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
-    let of: [Scalar; 9] = [
+    let of: [Scalar; 10] = [
         |(summary, _)| summary.log_likelihood,
         |(_, noise)| noise.motion.motion.jerk,
         |(_, noise)| noise.motion.sigma(),
@@ -183,6 +183,7 @@ fn scalars<'py>(
         |(_, noise)| noise.velocity_noise_factor,
         |(_, noise)| noise.velocity_time_offset,
         |(_, noise)| noise.motion.motion.velocity,
+        |(_, noise)| noise.frequency,
     ];
     let [likelihood, noise @ ..] = columns(py, batch, summaries, of)?;
     let count = array(py, batch, summaries.iter().map(|(summary, _)| summary.count as i64))?;

@@ -17,6 +17,7 @@ mod model;
 mod motion;
 mod noise;
 mod opening;
+mod oscillation;
 mod polynomial;
 mod quick;
 mod record;

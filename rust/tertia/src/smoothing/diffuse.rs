@@ -4,6 +4,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+use super::lasting::axes;
 use crate::base::small::{Matrix as Square, dot, product};
 
 /// Share of the information of the plots about the first state that must remain after rounding.
@@ -17,7 +18,7 @@ pub(super) fn forget_start<const N: usize>(
     big: &Square<N>,
     (mean, covariance): (&mut [f64], &mut [f64]),
 ) {
-    let states = N / 4 * 3;
+    let states = 3 * axes(N);
     let scale: [f64; N] = std::array::from_fn(|i| big[i][i].sqrt());
     let mut factor = [[0.0; N]; N];
     let mut white = [0.0; N];

@@ -7,17 +7,20 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod away;
 mod start;
 
 use super::adjoint::update;
 use super::diffuse;
 use super::information::Logarithms;
-use super::model::{Faded, Faults, Model};
+use super::model::{Faults, Model};
 use super::motion::{self, ProcessNoise};
 use super::seen::Quantity;
 use super::track::Track;
 use crate::base::interrupt::poll;
 use crate::base::small::{self, Matrix as Square, dot, symmetrise};
+pub(super) use away::axes;
+use away::{Away, Faded, Turn};
 use start::{State, VAGUE, VAGUE_AFTER_ALL, near, prior, vague};
 
 /// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:
@@ -70,7 +73,7 @@ pub(super) struct Found {
 impl Found {
     /// Variances of the first state; 1 for the components of the noise.
     fn first_variances<const N: usize>(&self) -> [f64; N] {
-        let states = N / 4 * 3;
+        let states = 3 * axes(N);
         std::array::from_fn(|i| if i < states { self.covariance[i * (states + 1)] } else { 1.0 })
     }
 }
@@ -82,7 +85,7 @@ fn are_alike<const N: usize>(own: &[f64; N], other: &[f64; N]) -> bool {
     ratios.into_iter().all(|ratio| ratio > 1.0 / ALIKE && ratio < ALIKE)
 }
 
-/// Smoother of a track with D axes, plots of M numbers and N = 4 D.
+/// Smoother of a track with D axes, plots of M numbers and N = 4 D, or N = 5 D with an oscillation.
 pub(super) struct Lasting<const M: usize, const N: usize> {
     start: State<N>,
     /// A vague state near the smoothed first state. The first plots alone may determine this state so badly
@@ -99,7 +102,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
     /// Returns none if the plots do not determine the state of each axis.
     pub fn new<const S: usize>(track: &Track<'_>, motion: ProcessNoise) -> Option<Self> {
         let d = track.dimension;
-        assert!(track.numbers == M && S == 3 * d && N == 4 * d);
+        assert!(track.numbers == M && S == 3 * d && axes(N) == d);
         let (x, p) =
             if track.prior.is_empty() { vague::<M, S>(track, motion)? } else { prior(track) };
         let mut start = ([0.0; N], [[0.0; N]; N]);
@@ -180,13 +183,13 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
 
     /// Filters and smooths once; returns whether no variance is lost to rounding.
     fn pass(&mut self, track: &Track<'_>, model: &Model, faults: &Faults, out: &mut Found) -> bool {
-        let (n, d) = (track.len(), N / 4);
-        let states = 3 * d;
+        let n = track.len();
+        let states = 3 * axes(N);
         out.mean.resize(n * states, 0.0);
         out.covariance.resize(n * states * states, 0.0);
         out.innovation.resize(n * M, 0.0);
         out.jump.resize(n, 0.0);
-        let (mut step, mut faded) = (self.first(), Faded::default());
+        let (mut step, mut faded, away) = (self.first(), Faded::default(), Away::of(model));
         let mut answer: Square<N> =
             std::array::from_fn(|c| std::array::from_fn(|r| f64::from(r == c)));
         self.steps.clear();
@@ -196,11 +199,11 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             step.arrive(track, k, model, faults, &mut faded);
             step.update(track, k, model, faults, &mut unused);
             let t = track.times[k] - track.times[k.saturating_sub(1)];
-            let phi = model.lasting.correlation(t);
+            let turn = Turn::over(t, model);
             let plot = (&step.ph, &step.h, &step.s);
             for column in &mut answer[..states] {
-                motion::advance_row(d, column, t, 0.5 * t * t);
-                column[states..].iter_mut().for_each(|noise| *noise *= phi);
+                motion::advance_row(axes(N), column, t, 0.5 * t * t);
+                turn.row(column);
                 diffuse::update(column, plot);
             }
             self.answers.push(answer);
@@ -212,17 +215,16 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             // from the state after the plot: that before it may be many times less certain
             let step = &self.steps[k];
             let mean = &mut out.mean[k * states..][..states];
-            let rows = step.with_wandering(model.wandering);
+            let rows = away.rows(&step.p);
             for i in 0..states {
-                let away = if i < d { model.wandering * step.x[states + i] } else { 0.0 };
-                mean[i] = step.x[i] + away + dot(&rows[i], &l);
+                mean[i] = away.whole(&step.x, i) + dot(&rows[i], &l);
             }
             track.add_trend(k, mean);
             let covariance = &mut out.covariance[k * states * states..];
-            is_well &= smoothed_covariance(&rows, model.wandering, &big, covariance);
+            is_well &= smoothed_covariance(&rows, &away, &big, covariance);
             for answer in &mut self.answers[k][..states] {
                 diffuse::smooth(answer, &step.p, &big);
-                (0..d).for_each(|i| answer[i] += model.wandering * answer[states + i]);
+                (0..states).for_each(|i| answer[i] = away.whole(answer, i));
             }
             for i in (0..M).rev() {
                 step.back(i, &mut l, &mut big);
@@ -233,7 +235,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             out.jump[k] = explained(&l, &big);
             if k > 0 {
                 let t = track.times[k] - track.times[k - 1];
-                back(t, model.lasting.correlation(t), &mut l, &mut big);
+                back(t, Turn::over(t, model), &mut l, &mut big);
             }
         }
         if is_well && track.prior.is_empty() {
@@ -265,11 +267,10 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
         let t = track.times[k] - track.times[k - 1];
         if t > 0.0 {
-            let phi = faded.over(t, model);
-            self.predict(t, phi, model.motion);
+            self.predict(t, faded.over(t, model), model.motion);
         }
         if faults.jumps[k] {
-            for (i, plot) in track.plot(k)[..N / 4].iter().enumerate() {
+            for (i, plot) in track.plot(k)[..axes(N)].iter().enumerate() {
                 let shown = if plot.is_nan() { 0.0 } else { plot - self.x[i] };
                 self.p[i][i] += JUMP[0] / track.scale[i].powi(2) + JUMP[1] * shown * shown;
             }
@@ -277,21 +278,12 @@ impl<const M: usize, const N: usize> Step<M, N> {
     }
 
     #[inline(always)]
-    fn predict(&mut self, t: f64, phi: f64, motion: ProcessNoise) {
-        let d = N / 4;
-        for i in 3 * d..N {
-            self.x[i] *= phi;
-            for row in &mut self.p {
-                row[i] *= phi;
-            }
-        }
-        for row in &mut self.p[3 * d..] {
-            row.iter_mut().for_each(|p| *p *= phi);
-        }
-        motion::advance(d, &mut self.x, &mut self.p, t, motion);
-        for i in 3 * d..N {
-            self.p[i][i] += 1.0 - phi * phi;
-        }
+    fn predict(&mut self, t: f64, turn: &Turn, motion: ProcessNoise) {
+        turn.row(&mut self.x);
+        self.p.iter_mut().for_each(|row| turn.row(row));
+        turn.rows(&mut self.p);
+        motion::advance(axes(N), &mut self.x, &mut self.p, t, motion);
+        turn.add_noise(&mut self.p);
     }
 
     /// Updates the state by the plot of an instant, number by number, because these are whitened.
@@ -305,7 +297,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         fit: &mut Fit,
     ) {
         let (plot, whitener) = (track.plot(k), track.whitener(k));
-        let d = N / 4;
+        let d = axes(N);
         for i in 0..M {
             self.s[i] = 0.0;
             if plot[i].is_nan() || faults.gross[(k * M + i) / d] {
@@ -315,8 +307,11 @@ impl<const M: usize, const N: usize> Step<M, N> {
             h[..=i].copy_from_slice(&whitener[i * M..][..=i]);
             let (variance, share) = model.noise(Quantity::of(i, d));
             h[3 * d + i % d] = (share * variance).sqrt();
-            if i < d && model.wandering > 0.0 {
-                (0..=i).for_each(|j| h[3 * d + j] = model.wandering * h[j]);
+            if i < d && model.wanders() {
+                (0..=i).for_each(|j| h[3 * d + j] = model.wandering[j] * h[j]);
+            } else if N > 4 * d {
+                let rate = model.natural_frequency();
+                (0..d).for_each(|j| h[4 * d + j] = rate * model.wandering[j] * h[d + j]);
             }
             let mut late = 0.0;
             if i >= d && model.velocity_time_offset != 0.0 {
@@ -392,34 +387,21 @@ impl<const M: usize, const N: usize> Step<M, N> {
             small::add_multiple(&mut big[r], h[r] * reciprocal - moved[r], h);
         }
     }
-
-    /// Rows of `T P`, where T adds the wandering to the position.
-    fn with_wandering(&self, size: f64) -> Square<N> {
-        let (d, mut rows) = (N / 4, self.p);
-        if size > 0.0 {
-            for i in 0..d {
-                (0..N).for_each(|c| rows[i][c] += size * self.p[3 * d + i][c]);
-            }
-        }
-        rows
-    }
 }
 
 /// `T (P − P Λ P) T'` of the states, with the rows of `T P`; returns whether rounding leaves enough of the
 /// variances.
 fn smoothed_covariance<const N: usize>(
     rows: &Square<N>,
-    wandering: f64,
+    away: &Away<N>,
     big: &Square<N>,
     out: &mut [f64],
 ) -> bool {
-    let (d, mut is_well) = (N / 4, true);
-    let states = 3 * d;
+    let (states, mut is_well) = (3 * axes(N), true);
     for i in 0..states {
         let seen = small::product(big, &rows[i]);
         for j in 0..=i {
-            let away = if j < d { wandering * rows[i][states + j] } else { 0.0 };
-            let before = rows[i][j] + away;
+            let before = away.whole(&rows[i], j);
             let value = before - dot(&rows[j], &seen);
             out[i * states + j] = value;
             out[j * states + i] = value;
@@ -431,16 +413,15 @@ fn smoothed_covariance<const N: usize>(
 
 /// `F' λ` and `F' Λ F`
 #[inline(always)]
-fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>) {
+fn back<const N: usize>(t: f64, turn: Turn, l: &mut [f64; N], big: &mut Square<N>) {
     if t == 0.0 {
         return;
     }
-    let d = N / 4;
-    let fade = |row: &mut [f64]| row.iter_mut().for_each(|value| *value *= phi);
-    fade(&mut l[3 * d..]);
-    big.iter_mut().for_each(|row| fade(&mut row[3 * d..]));
-    motion::turn_back(d, t, l, Some(big));
-    big[3 * d..].iter_mut().for_each(|row| fade(row));
+    let turn = turn.transposed();
+    turn.row(l);
+    big.iter_mut().for_each(|row| turn.row(row));
+    motion::turn_back(axes(N), t, l, Some(big));
+    turn.rows(big);
     symmetrise(big);
 }
 
@@ -448,7 +429,7 @@ fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>)
 fn explained<const N: usize>(l: &[f64; N], big: &Square<N>) -> f64 {
     let mut factor = [[0.0; N]; N];
     let (mut white, mut sum) = ([0.0; N], 0.0);
-    for i in 0..N / 4 {
+    for i in 0..axes(N) {
         for j in 0..=i {
             let inner: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
             let value = big[i][j] - inner;

@@ -28,9 +28,11 @@ impl LastingNoise {
 pub(super) struct Model {
     pub motion: ProcessNoise,
     pub lasting: LastingNoise,
-    /// Standard deviation with which the position wanders about the path; then no noise lasts, and the
-    /// correlation time is that of this motion.
-    pub wandering: f64,
+    /// Standard deviations with which the position of each axis wanders about the path; then no noise lasts,
+    /// and the correlation time is that of this motion.
+    pub wandering: [f64; 3],
+    /// Angular frequency if the wandering is a damped oscillation, which its correlation time damps; else 0.
+    pub frequency: f64,
     /// Standard deviation of velocities relative to the stated one.
     pub velocity_factor: f64,
     /// Time by which velocities lag behind positions.
@@ -41,16 +43,39 @@ impl Model {
     /// A model of this motion with the noise as stated.
     pub fn as_stated(motion: ProcessNoise) -> Self {
         let lasting = LastingNoise::NONE;
-        Self { motion, lasting, wandering: 0.0, velocity_factor: 1.0, velocity_time_offset: 0.0 }
+        let (wandering, frequency) = ([0.0; 3], 0.0);
+        let (velocity_factor, velocity_time_offset) = (1.0, 0.0);
+        Self { motion, lasting, wandering, frequency, velocity_factor, velocity_time_offset }
     }
 
     /// The motion with the white velocity that moves the position like the wandering over short times.
     pub fn whole_motion(&self) -> ProcessNoise {
         let mut motion = self.motion;
-        if self.wandering > 0.0 {
-            motion.velocity += 2.0 * self.wandering.powi(2) / self.lasting.time;
+        if self.wanders() && self.frequency == 0.0 {
+            motion.velocity += 2.0 * self.wandering[0].powi(2) / self.lasting.time;
         }
         motion
+    }
+
+    /// Whether the position wanders, or oscillates, about the path.
+    #[inline(always)]
+    pub fn wanders(&self) -> bool {
+        self.wandering.iter().any(|size| *size > 0.0)
+    }
+
+    /// Angular frequency of the oscillation if it were not damped.
+    pub fn natural_frequency(&self) -> f64 {
+        self.frequency.hypot(1.0 / self.lasting.time)
+    }
+
+    /// Position, velocity and acceleration of a wandering of unit variance: the coefficients of its displacement
+    /// and, if it oscillates, of its velocity over the natural frequency. Those of a random walk are not defined.
+    pub fn derivatives(&self) -> [[f64; 2]; 3] {
+        if self.frequency == 0.0 {
+            return [[1.0, 0.0], [0.0; 2], [0.0; 2]];
+        }
+        let rate = self.natural_frequency();
+        [[1.0, 0.0], [0.0, rate], [-rate * rate, -2.0 * rate / self.lasting.time]]
     }
 
     /// Variance of a whitened number, and the share of it that lasts.
@@ -61,23 +86,6 @@ impl Model {
             Quantity::Position => (1.0, share),
             Quantity::Velocity => (self.velocity_factor.powi(2), share),
         }
-    }
-}
-
-/// The last time and the correlation of lasting noise over it: most steps are as long as the one before.
-#[derive(Default)]
-pub(super) struct Faded {
-    time: f64,
-    correlation: f64,
-}
-
-impl Faded {
-    #[inline(always)]
-    pub fn over(&mut self, time: f64, model: &Model) -> f64 {
-        if time != self.time {
-            *self = Self { time, correlation: model.lasting.correlation(time) };
-        }
-        self.correlation
     }
 }
 

@@ -12,6 +12,7 @@ use super::interleaved::Interleaved;
 use super::lasting::Found;
 use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
+use super::oscillation::find_oscillation;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Near, Scale, Search};
 use super::seen::Quantity;
@@ -30,6 +31,8 @@ const WANDERING: f64 = 0.5;
 /// Prior probability that the position is a random walk, relative to that of all other models together: so
 /// small that this model hardly counts unless the plots require it.
 const ROUGH: f64 = 0.02;
+/// Prior probability that the position oscillates about the path, relative to that of all other models together.
+const OSCILLATING: f64 = 1e-3;
 /// Smallest weight of a model that is not left out.
 const LEAST_WEIGHT: f64 = 0.02;
 
@@ -64,14 +67,23 @@ pub struct NoiseFit {
     pub velocity_noise_factor: f64,
     /// Time by which velocities lag behind positions.
     pub velocity_time_offset: f64,
+    /// Angular frequency of an oscillation about the path; 0 if there is none.
+    pub frequency: f64,
 }
 
 impl NoiseFit {
     /// Noise as stated, with this motion.
     pub fn as_stated(motion: ProcessNoiseFit) -> Self {
         let (noise_factor, velocity_noise_factor) = (1.0, 1.0);
-        let (correlation_time, velocity_time_offset) = (0.0, 0.0);
-        Self { motion, correlation_time, noise_factor, velocity_noise_factor, velocity_time_offset }
+        let (correlation_time, velocity_time_offset, frequency) = (0.0, 0.0, 0.0);
+        Self {
+            motion,
+            correlation_time,
+            noise_factor,
+            velocity_noise_factor,
+            velocity_time_offset,
+            frequency,
+        }
     }
 }
 
@@ -97,12 +109,12 @@ pub fn smooth_with_noise(
         || options.expected().are_suspicious(out.innovation, track.numbers)
     {
         match (track.dimension, track.numbers) {
-            (1, 1) => improve::<1, 3, 4>(track, &fit, options, out, outlier),
-            (2, 2) => improve::<2, 6, 8>(track, &fit, options, out, outlier),
-            (3, 3) => improve::<3, 9, 12>(track, &fit, options, out, outlier),
-            (1, 2) => improve::<2, 3, 4>(track, &fit, options, out, outlier),
-            (2, 4) => improve::<4, 6, 8>(track, &fit, options, out, outlier),
-            (3, 6) => improve::<6, 9, 12>(track, &fit, options, out, outlier),
+            (1, 1) => improve::<1, 3, 4, 5>(track, &fit, options, out, outlier),
+            (2, 2) => improve::<2, 6, 8, 10>(track, &fit, options, out, outlier),
+            (3, 3) => improve::<3, 9, 12, 15>(track, &fit, options, out, outlier),
+            (1, 2) => improve::<2, 3, 4, 5>(track, &fit, options, out, outlier),
+            (2, 4) => improve::<4, 6, 8, 10>(track, &fit, options, out, outlier),
+            (3, 6) => improve::<6, 9, 12, 15>(track, &fit, options, out, outlier),
             _ => None,
         }
     } else {
@@ -149,7 +161,7 @@ fn add_other_family(
 }
 
 /// Replaces the results by those of the models that the plots support.
-fn improve<const M: usize, const S: usize, const N: usize>(
+fn improve<const M: usize, const S: usize, const N: usize, const O: usize>(
     track: &Track<'_>,
     fit: &ProcessNoiseFit,
     options: &Options,
@@ -178,11 +190,32 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     let interleaved = Interleaved::find(track).filter(|_| options.correlation_time.is_none());
     let found = (&faults, is_rough);
     let may_last = interleaved.is_none();
-    let (candidates, weights) = candidates(&search, options, found, near, (is_healthy, may_last));
-    let known = (0..weights.len()).filter(|&i| weights[i] > 0.0);
-    let most = known.max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
-    let best = &candidates[most];
+    let (mut candidates, mut logs) =
+        candidates(&search, options, found, near, (is_healthy, may_last));
+    let mut weights = weights_of(&logs);
+    let mut most = likeliest(&weights)?;
     average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
+    // without larger noise, an oscillation would be a motion that the path follows badly, such as a turn
+    if candidates[most].factor > 1.0
+        && interleaved.is_none()
+        && let Some((mut search, oscillating)) = find_oscillation::<M, S, O>(
+            track,
+            (fit, options.jerk),
+            (&candidates[most], &faults),
+            out,
+        )
+    {
+        let before = candidates.len();
+        let prior = (OSCILLATING / oscillating.len() as f64).ln();
+        logs.extend(oscillating.iter().map(|one| one.value + prior));
+        candidates.extend(oscillating);
+        weights = weights_of(&logs);
+        if weights[before..].iter().any(|weight| *weight > 0.0) {
+            most = likeliest(&weights)?;
+            average::<M, S, O>(&mut search, &candidates, &weights, most, &faults, out)?;
+        }
+    }
+    let best = &candidates[most];
     if let Some(sensors) = interleaved {
         sensors.add_lasting_errors(track, &faults, out);
     }
@@ -201,10 +234,11 @@ fn improve<const M: usize, const S: usize, const N: usize>(
         noise_factor: best.factor.max(1.0),
         velocity_noise_factor: best.factor.max(1.0) * best.model.velocity_factor,
         velocity_time_offset: best.model.velocity_time_offset,
+        frequency: best.model.frequency,
     })
 }
 
-/// Returns models with their posterior probabilities.
+/// Returns models with the logarithms of their probabilities.
 fn candidates<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
     options: &Options,
@@ -217,7 +251,7 @@ fn candidates<const M: usize, const N: usize>(
     let best = |family, lasting, scale, near| search.best(family, lasting, scale, faults, near);
     if let Some(time) = options.correlation_time.filter(|time| *time > 0.0) {
         let lasting = LastingNoise { of: Quantity::Position, share: SHARES[0], time };
-        return (vec![best(Family::Jerk, lasting, larger, near)], vec![1.0]);
+        return (vec![best(Family::Jerk, lasting, larger, near)], vec![0.0]);
     }
     let white = best(Family::Jerk, LastingNoise::NONE, prior, near);
     let Model { velocity_factor, velocity_time_offset, .. } = white.model;
@@ -263,20 +297,27 @@ fn candidates<const M: usize, const N: usize>(
     if options.jerk.is_none() && !has_velocities {
         add_wandering(search, faults, &mut found, &mut logs);
     }
-    (found, weights_of(logs))
+    (found, logs)
 }
 
 /// Turns logarithms of probabilities into weights that add up to 1. The weights of small probabilities are 0,
 /// and those of nan, which is the likelihood of a model that was lost to rounding.
-fn weights_of(mut logs: Vec<f64>) -> Vec<f64> {
-    logs.iter_mut().filter(|log| log.is_nan()).for_each(|log| *log = f64::NEG_INFINITY);
+fn weights_of(logs: &[f64]) -> Vec<f64> {
+    // nan is not larger
     let highest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let mut weights: Vec<f64> = logs.iter().map(|log| (log - highest).exp()).collect();
+    let weight = |log: &f64| if log.is_nan() { 0.0 } else { (log - highest).exp() };
+    let mut weights: Vec<f64> = logs.iter().map(weight).collect();
     for _ in 0..2 {
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w = if *w < LEAST_WEIGHT * sum { 0.0 } else { *w / sum });
     }
     weights
+}
+
+/// Returns the index of the largest weight.
+fn likeliest(weights: &[f64]) -> Option<usize> {
+    let known = (0..weights.len()).filter(|&i| weights[i] > 0.0);
+    known.max_by(|&a, &b| weights[a].total_cmp(&weights[b]))
 }
 
 /// Averages the results over the models; the covariance includes the spread between them. Returns
@@ -339,8 +380,8 @@ mod tests {
 
     #[test]
     fn a_model_without_likelihood_does_not_spoil_the_others() {
-        let weights = weights_of(vec![-5.0, f64::NAN, -5.0, -50.0]);
+        let weights = weights_of(&[-5.0, f64::NAN, -5.0, -50.0]);
         assert_eq!(weights, [0.5, 0.0, 0.5, 0.0]);
-        assert!(weights_of(vec![f64::NAN; 2]).iter().all(|weight| weight.is_nan()));
+        assert!(weights_of(&[f64::NAN; 2]).iter().all(|weight| weight.is_nan()));
     }
 }

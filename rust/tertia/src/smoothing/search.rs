@@ -158,12 +158,12 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let sigma = scales.fold(f64::INFINITY, |least, scale| least.min(1.0 / scale));
         let intensity = (noise.model.motion.jerk * variance).max(f64::MIN_POSITIVE).ln();
         let size = 0.5 * (variance - 1.0).ln() + sigma.ln();
-        let of = |[more, larger, _]: [f64; 3]| {
-            let (motion, wandering) = (motion(intensity + more), (size + larger).exp());
+        let of = |[more, larger]: [f64; 2]| {
+            let (motion, wandering) = (motion(intensity + more), [(size + larger).exp(); 3]);
             let model = Model { motion, lasting, wandering, ..noise.model };
             self.candidate(model, Scale::Stated, faults)
         };
-        let mut found = climb([true, true, false], self.low - intensity, of).1;
+        let mut found = climb([true, true], self.low - intensity, of).1;
         found.value -= FACTOR_GAIN;
         found
     }
@@ -220,7 +220,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         fit
     }
 
-    fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
+    /// Returns a model with its noise factor and its likelihood.
+    pub fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
         let fit = self.fit(model, faults);
         let n = fit.count.saturating_sub(self.used) as f64;
         let (log_factor, value) = scaled(&fit, n, scale);
@@ -234,15 +235,15 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
 
 /// Climbs from a start to the likeliest model along the axes that are searched, and returns the way there. The
 /// first axis is the logarithm of an intensity, which is at least `low` above that of the start.
-fn climb(
-    searched: [bool; 3],
+pub(super) fn climb<const K: usize>(
+    searched: [bool; K],
     low: f64,
-    of: impl Fn([f64; 3]) -> Candidate,
-) -> ([f64; 3], Candidate) {
-    let mut at = [0.0; 3];
+    of: impl Fn([f64; K]) -> Candidate,
+) -> ([f64; K], Candidate) {
+    let mut at = [0.0; K];
     let (mut best, mut step, mut steps) = (of(at), STEP, 0);
     for _ in 0..=HALVINGS {
-        for axis in (0..3).filter(|&axis| searched[axis]) {
+        for axis in (0..K).filter(|&axis| searched[axis]) {
             for direction in [step, -step] {
                 while steps < MOST_STEPS && (axis > 0 || at[0] + direction >= low) {
                     let mut next = at;

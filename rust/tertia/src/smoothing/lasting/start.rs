@@ -5,6 +5,7 @@ use super::super::motion::ProcessNoise;
 use super::super::rows::invert;
 use super::super::seen::ENOUGH;
 use super::super::track::Track;
+use super::away::axes;
 use crate::base::small::Matrix as Square;
 
 /// Variance of the first state relative to that given by the plots that determine it.
@@ -24,7 +25,7 @@ pub(super) fn near<const N: usize>(
     vague: &State<N>,
     factor: f64,
 ) -> Option<State<N>> {
-    let states = N / 4 * 3;
+    let states = 3 * axes(N);
     let mut trend = vec![0.0; states];
     track.add_trend(0, &mut trend);
     let (mut x, mut p) = *vague;
