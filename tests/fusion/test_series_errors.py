@@ -142,3 +142,37 @@ def test_two_radars_that_contradict_each_other_throughout_cause_a_warning(wrong)
     z[1] = wrong(z[1])
     with pytest.warns(UserWarning, match="contradict the other radars.*the unit, the north"):
         fuse_series(z % 360.0, 0.1**2, model, period=360.0)
+
+
+def wandering(steps=300, seed=2):
+    """A slow sine, seen by three radars with the noise as stated."""
+    truth = 40.0 + 3.0 * np.sin(np.arange(steps) / 25)
+    return truth + 0.1 * np.random.default_rng(seed).standard_normal((3, steps))
+
+
+def stuck(z):
+    return np.r_[z[:100], z[100] + 0.02 * np.random.default_rng(3).standard_normal(len(z) - 100)]
+
+
+def drifting(z):
+    return z + np.linspace(0, 0.7, len(z))
+
+
+@pytest.mark.parametrize("wrong", [stuck, drifting, lambda z: z + 0.7 * (np.arange(300) % 80 < 40)])
+def test_two_radars_whose_errors_last_cause_a_warning(wrong):
+    model = SingerModel(1.0, 1 / 20, 0.01)
+    z = wandering()
+    fuse_series(z, 0.1**2, model)
+    z[1] = wrong(z[1])
+    with pytest.warns(UserWarning, match="differ for long by more than their noise"):
+        fuse_series(z[:2], 0.1**2, model)
+    # most of three radars agree
+    fuse_series(z, 0.1**2, model)
+    # it is known that errors last
+    fuse_series(z[:2], 0.1**2, model, correlation_time=50.0)
+
+
+def test_plots_that_are_given_twice_cause_a_warning():
+    z = wandering()
+    with pytest.warns(UserWarning, match="radars 0 and 2 are the same"):
+        fuse_series(z[[0, 1, 0]], 0.1**2, SingerModel(1.0, 1 / 20, 0.01))

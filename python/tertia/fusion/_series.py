@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
@@ -24,6 +23,7 @@ from tertia._arrays import (
 )
 from tertia._result import counted
 from tertia.fusion._biases import prior_of, registered, trusted
+from tertia.fusion._doubts import doubt_copies, doubt_errors, doubt_radars
 from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman import filter_series
 from tertia.kalman._batch import _initial, _intervals
@@ -44,8 +44,6 @@ FusionMethod: TypeAlias = Literal[
 ]
 
 Outage: TypeAlias = Literal["excluded", "printed"]
-# share of the plots of a radar from which on they are no single outliers, and least number of plots
-_MOST, _FEWEST = 0.5, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,8 +225,10 @@ def fuse_series(
     Warns
     -----
     UserWarning
-        If most plots of a radar are outliers for "robust": they contradict the other radars, as if
-        they had another unit, another north or other times.
+        For "robust". If most plots of a radar are outliers: they contradict the other radars, as if
+        they had another unit, another north or other times. If nearly all plots of two radars
+        are the same. If errors last that are as large as the noise, as of a radar that drifts, and
+        at most half of the radars agree; not if `bias_sigma` is given or the noise is correlated.
 
     Notes
     -----
@@ -312,8 +312,13 @@ def fuse_series(
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
-    if method == "robust" and np.count_nonzero(outlier):
-        _doubt_radars(outlier & ~repeated, ~np.isnan(plots) & ~repeated)
+    if method == "robust":
+        if np.count_nonzero(outlier):
+            doubt_radars(outlier & ~repeated, ~np.isnan(plots) & ~repeated)
+        doubt_copies(plots)
+        if prior is None and not np.any(lasting):
+            away = np.where(outlier, np.nan, plots - mean[..., np.newaxis, :, 0])
+            doubt_errors(away, spread(stated, plots.shape), wrap)
     if np.count_nonzero(lasting):
         variance = spread(stated, plots.shape)
         is_bound = method == "covariance-intersection"
@@ -342,27 +347,6 @@ def fuse_series(
     )
     upper = again.upper if one.added is None else again.upper + one.added
     return replace(found, mean=again.mean, upper=upper, unfiltered=mean)
-
-
-def _doubt_radars(outlier: BoolArray, there: BoolArray) -> None:
-    """Warn if most plots of a radar, of those that are `there`, (..., K, steps), are outliers."""
-    radars = there.shape[-2]
-    count = there.sum(axis=-1)
-    wrong = (count >= _FEWEST) & (outlier.sum(axis=-1) > _MOST * count)
-    if radars == 1 or not np.any(wrong):
-        return
-    radar = np.argwhere(wrong)[0][-1]
-    rest = (
-        "the other radar may be the wrong one, and the track is then wrong by far more than its "
-        "sigmas; "
-        if radars == 2
-        else ""
-    )
-    warnings.warn(
-        f"most plots of radar {radar} contradict the other radars and are left out: {rest}check "
-        "the unit, the north and the times of each radar",
-        stacklevel=3,
-    )
 
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
