@@ -9,8 +9,12 @@ use std::collections::BTreeMap;
 const MEMORY: f64 = 30.0;
 /// Number of squares from the radar to its largest range.
 const SQUARES: f64 = 64.0;
-/// Number of plots that every square is assumed to have had at the mean density.
+/// Number of plots that every square is assumed to have had at the density around it, and that the
+/// other squares of its block are assumed to have had at the mean density: near a marine radar, a
+/// square has few plots, although the density is many times the mean.
 const BEFOREHAND: f64 = 1.0;
+/// Binary logarithm of the number of squares along a side of a block.
+const BLOCK: i32 = 2;
 /// Number of squares beyond which those without recent plots are forgotten, and the faded number of
 /// plots below which a square counts as such.
 const MANY: usize = 20_000;
@@ -31,6 +35,9 @@ pub(super) struct Patches {
     /// The plots of each square, and the time up to which they have faded, in scans.
     #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
     plots: IntegerMap<(f64, f64)>,
+    /// The same of each block of squares.
+    #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
+    blocks: IntegerMap<(f64, f64)>,
     /// Contribution of the places of first plots to the log-odds that the density differs from
     /// place to place.
     uneven: f64,
@@ -46,13 +53,39 @@ impl Patches {
 
     /// Plots in the square of a place, faded until now.
     fn at(&self, position: [f64; 2]) -> f64 {
-        self.plots.get(&key(self.square(position))).map_or(0.0, |own| faded(*own, self.now))
+        self.until_now(&self.plots, self.square(position))
     }
 
-    /// Density of false plots in a square with this number of plots, relative to their `mean`.
-    fn local(&self, plots: f64, mean: f64) -> f64 {
-        let expected = mean * self.side * self.side * self.scans;
-        (BEFOREHAND + plots) / (BEFOREHAND + expected)
+    /// Plots in the other squares of the block, faded until now.
+    fn beside(&self, position: [f64; 2]) -> f64 {
+        let square = self.square(position);
+        let all = self.until_now(&self.blocks, block(square));
+        (all - self.until_now(&self.plots, square)).max(0.0)
+    }
+
+    fn until_now(&self, plots: &IntegerMap<(f64, f64)>, square: (i32, i32)) -> f64 {
+        plots.get(&key(square)).map_or(0.0, |own| faded(*own, self.now))
+    }
+
+    /// Plots in a square at the `mean` density, with fading weights.
+    fn expected(&self, mean: f64) -> f64 {
+        mean * self.side * self.side * self.scans
+    }
+
+    /// Density of false plots in a square with this number of plots, relative to their `mean`; that
+    /// around it is the density before any plots.
+    fn local(&self, plots: f64, mean: f64, around: f64) -> f64 {
+        (BEFOREHAND * around + plots) / (BEFOREHAND + self.expected(mean))
+    }
+
+    /// Density of false plots in the other squares of the block, relative to their `mean`. As long
+    /// as the density may be even everywhere, a few plots nearby are chance.
+    fn around(&self, position: [f64; 2], mean: f64) -> f64 {
+        if self.uneven <= EVEN {
+            return 1.0;
+        }
+        let others = f64::from((1 << (2 * BLOCK)) - 1) * self.expected(mean);
+        (BEFOREHAND + self.beside(position)) / (BEFOREHAND + others)
     }
 
     /// Whether two places are in one square.
@@ -67,7 +100,7 @@ impl Patches {
             return 1.0;
         }
         let plots = (self.at(position) - without).max(0.0);
-        let local = self.local(plots, mean).max(1.0);
+        let local = self.local(plots, mean, self.around(position, mean)).max(1.0);
         if local == 1.0 {
             return local;
         }
@@ -93,15 +126,17 @@ impl Patches {
     /// Uses a plot that has just been counted as evidence for or against an even density.
     pub fn weigh(&mut self, position: [f64; 2], mean: f64) {
         let others = (self.at(position) - 1.0).max(0.0);
-        self.uneven = (self.uneven + self.local(others, mean).ln()).clamp(-MOST, MOST);
+        self.uneven = (self.uneven + self.local(others, mean, 1.0).ln()).clamp(-MOST, MOST);
     }
 
     /// Counts a plot of a radar with this largest range.
     pub fn add(&mut self, position: [f64; 2], range: f64) {
         self.cover(range);
         let (square, now) = (self.square(position), self.now);
-        let own = self.plots.entry(key(square)).or_insert((0.0, now));
-        *own = (1.0 + faded(*own, now), now);
+        for (plots, square) in [(&mut self.plots, square), (&mut self.blocks, block(square))] {
+            let own = plots.entry(key(square)).or_insert((0.0, now));
+            *own = (1.0 + faded(*own, now), now);
+        }
     }
 
     /// Enlarges the squares until not many more than [`SQUARES`] reach to the largest range.
@@ -118,10 +153,12 @@ impl Patches {
     fn join(&mut self) {
         self.side *= 2.0;
         let now = self.now;
-        for (square, plots) in sorted(&std::mem::take(&mut self.plots)) {
-            let (x, y) = pair(square);
-            let own = self.plots.entry(key((x >> 1, y >> 1))).or_insert((0.0, now));
-            own.0 += faded(plots, now);
+        for all in [&mut self.plots, &mut self.blocks] {
+            for (square, plots) in sorted(&std::mem::take(all)) {
+                let (x, y) = pair(square);
+                let own = all.entry(key((x >> 1, y >> 1))).or_insert((0.0, now));
+                own.0 += faded(plots, now);
+            }
         }
         for ((x, y), plots) in std::mem::take(&mut self.dropped) {
             *self.dropped.entry((x >> 1, y >> 1)).or_default() += plots;
@@ -137,8 +174,14 @@ impl Patches {
         if self.plots.len() > MANY {
             let now = self.now;
             self.plots.retain(|_, own| faded(*own, now) > NONE_LATELY);
+            self.blocks.retain(|_, own| faded(*own, now) > NONE_LATELY);
         }
     }
+}
+
+/// The block of a square.
+fn block((x, y): (i32, i32)) -> (i32, i32) {
+    (x >> BLOCK, y >> BLOCK)
 }
 
 /// Number of plots that had faded `until` then, faded until `now`.
@@ -171,6 +214,24 @@ mod tests {
         assert_eq!(patches.ratio([1001.0, -1.0], mean, 0.0), 1.0);
         patches.fade(300.0);
         assert!(patches.ratio([999.0, -1.0], mean, 0.0) < 1.01);
+    }
+
+    #[test]
+    fn squares_with_few_plots_are_as_dense_as_their_block() {
+        let (mut patches, mean) = (Patches::default(), 1e-8);
+        // every second square of a block had a plot, and none elsewhere
+        for i in 0..8 {
+            let place = [500.0 + 1e3 * f64::from(i % 4), 500.0 + 2e3 * f64::from(i / 4)];
+            patches.add(place, 64e3);
+        }
+        patches.fade(1.0);
+        assert_eq!(patches.ratio([500.0, 1500.0], mean, 0.0), 1.0);
+        patches.uneven = 100.0;
+        let kept = (-1.0 / MEMORY).exp();
+        let around = (1.0 + 8.0 * kept) / (1.0 + 15.0 * mean * 1e6);
+        let empty = patches.ratio([500.0, 1500.0], mean, 0.0);
+        assert_within(1e-12, empty, around / (1.0 + mean * 1e6));
+        assert_eq!(patches.ratio([4500.0, 1500.0], mean, 0.0), 1.0);
     }
 
     #[test]
@@ -216,5 +277,6 @@ mod tests {
         patches.add([150.0, 150.0], 64.0 * 201.0);
         assert_within(1e-15, patches.at([199.0, 0.0]), 2.0);
         assert_within(1e-15, patches.at([-199.0, 0.0]), 1.0);
+        assert_eq!([patches.beside([199.0, 0.0]), patches.beside([399.0, 0.0])], [0.0, 2.0]);
     }
 }
