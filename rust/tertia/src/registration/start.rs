@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 type Errors = [f64; KINDS];
 
 /// Standard deviations of large errors, in units of those of the prior: offset, gain, azimuth, clock.
-const WIDE: Errors = [10.0, 1.0, 10.0, 10.0];
+const WIDE: Errors = [10.0; KINDS];
 /// Largest differences between two tracks of one target: heights in metres, normalised squares of velocities
 /// (after an allowance of 3 m/s) and of positions, and of positions within a chain.
 const HEIGHTS: f64 = 300.0;
