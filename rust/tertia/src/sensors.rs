@@ -16,7 +16,7 @@ pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read, relative};
 #[cfg(test)]
 pub(crate) use radar::radar_of;
-pub(crate) use radar::{HEIGHT_SIGMA, LEAST_ACROSS};
+pub(crate) use radar::{HEIGHT_SIGMA, LEAST_ACROSS, SPREAD};
 pub use radar::{Radar, Ways};
 
 /// Number of kinds of measurements. In the rows of an instant their order is: ranges, azimuths, elevations,

@@ -1,6 +1,6 @@
 //! A plot of a radar in the plane, and its displacement by the systematic errors of the radar.
 
-use crate::sensors::{HEIGHT_SIGMA, Radar};
+use crate::sensors::{HEIGHT_SIGMA, Radar, SPREAD};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -125,6 +125,8 @@ pub(super) struct Sighting {
     ground: f64,
     /// Standard deviation of the ground range due to the error of the height, metres.
     tilt: f64,
+    /// Variance along each axis of a plot about the centre of a target that is larger than the resolution, m².
+    spread: f64,
     /// Largest squared height, if the range is slant and the height is unknown.
     pub highest: Option<f64>,
     /// Whether the plot is late by a delay of its target.
@@ -136,7 +138,7 @@ impl Sighting {
     /// overhead. `factor` multiplies the standard deviations that the radar states.
     pub fn new(plot: &Report, height: f64, radar: &Radar, factor: [f64; 2]) -> Option<Self> {
         if let Some(place) = &plot.place {
-            return Some(Self::placed(plot, place, radar.range_sigma));
+            return Some(Self::placed(plot, place, radar));
         }
         let up = if height.is_finite() { height - radar.position[2] } else { 0.0 };
         let squared = plot.range * plot.range - up * up;
@@ -158,6 +160,7 @@ impl Sighting {
             range: plot.range,
             ground,
             tilt: HEIGHT_SIGMA * up / ground,
+            spread: SPREAD * radar.extent * radar.extent,
             highest: None,
             is_late: false,
         };
@@ -166,8 +169,9 @@ impl Sighting {
     }
 
     /// From a reported position. The axes are those of its covariance, or any if the sensor states the same
-    /// `sigma` for each coordinate.
-    fn placed(plot: &Report, place: &Place, sigma: f64) -> Self {
+    /// standard deviation for each coordinate.
+    fn placed(plot: &Report, place: &Place, sensor: &Radar) -> Self {
+        let (sigma, more) = (sensor.range_sigma, SPREAD * sensor.extent * sensor.extent);
         let known = !place.covariance[0].is_nan();
         let [east, both, north] =
             if known { place.covariance } else { [sigma * sigma, 0.0, sigma * sigma] };
@@ -180,10 +184,12 @@ impl Sighting {
             time: plot.time,
             position: place.position.into(),
             axes: [Vector2::new(cosine, sine), Vector2::new(sine, -cosine)],
-            sigma: [middle + spread, (middle - spread).max(THIN * middle)].map(f64::sqrt),
+            sigma: [middle + spread, (middle - spread).max(THIN * middle)]
+                .map(|variance| (variance + more).sqrt()),
             range: 0.0,
             ground: 1.0,
             tilt: 0.0,
+            spread: more,
             highest: None,
             is_late: false,
         }
@@ -200,7 +206,8 @@ impl Sighting {
             return self.sigma;
         }
         let along = range * self.range / self.ground;
-        [(along * along + self.tilt * self.tilt).sqrt(), azimuth * self.ground]
+        let across = azimuth * self.ground;
+        [along * along + self.tilt * self.tilt, across * across].map(|v| (v + self.spread).sqrt())
     }
 
     /// Distance by which the plot lies too far out because this squared height was not subtracted from the

@@ -12,6 +12,9 @@ const LEAST_GROUND_SHARE: f64 = 1e-3;
 /// Least variance across the beam, as a share of that along it: above the radar, where azimuths say nothing,
 /// the covariance would be singular to rounding.
 pub(crate) const LEAST_ACROSS: f64 = 1e-10;
+/// Variance along each axis of a plot about the centre of a target of unknown shape, as a share of its squared
+/// extent: plots are anywhere on a target of this length, in any direction.
+pub(crate) const SPREAD: f64 = 1.0 / 24.0;
 /// Largest extent of a target, m.
 const LARGEST: f64 = 100e3;
 

@@ -12,12 +12,11 @@ use super::settings::Settings;
 use super::track::Track;
 use crate::association::Grid;
 use crate::base::plane::Plane;
+use crate::sensors::SPREAD;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Variances along each axis of a plot of a target whose shape is not known, and the largest variance, as
-/// shares of the squared extent: plots are anywhere on a target of this length, in any direction.
-const USUAL: f64 = 1.0 / 24.0;
+/// Largest variance along an axis of a plot about the centre of a target, as a share of the squared extent.
 const LARGEST: f64 = 1.0 / 12.0;
 /// Number of plots, less one per scan, that this prior is worth, and number over which a spread is averaged.
 const PRIOR: f64 = 3.0;
@@ -45,7 +44,7 @@ impl Shape {
     /// Covariance of a plot about the centre of its target.
     fn spread(&self, extent: f64) -> Plane {
         let squared = extent * extent;
-        let prior = PRIOR * USUAL * squared;
+        let prior = PRIOR * SPREAD * squared;
         let sum = self.scatter.plus(Plane { xx: prior, xy: 0.0, yy: prior });
         limited(sum.scaled(1.0 / (PRIOR + self.weight)), LARGEST * squared)
     }
