@@ -14,8 +14,10 @@ use std::f64::consts::TAU;
 /// Errors that are the same in all directions.
 type Errors = [f64; KINDS];
 
-/// Standard deviations of large errors, in units of those of the prior: offset, gain, azimuth, clock.
+/// Standard deviations of large errors, in units of those of the prior: offset, gain, azimuth, clock; and those
+/// of a radar whose ranges have the usual scale.
 const WIDE: Errors = [10.0; KINDS];
+const IN_SCALE: Errors = [10.0, 1.0, 10.0, 10.0];
 /// Largest differences between two tracks of one target: heights in metres, normalised squares of velocities
 /// (after an allowance of 3 m/s) and of positions, and of positions within a chain.
 const HEIGHTS: f64 = 300.0;
@@ -30,6 +32,8 @@ const RIVAL: f64 = 3.0;
 /// Prior ln odds that one radar has large errors, and that all have, against none.
 const ONE: f64 = -3.0;
 const ALL: f64 = -6.0;
+/// Prior ln odds that large errors are also those of the scale of ranges.
+const SCALE: f64 = -3.0;
 /// Number of tracks of a radar that are compared with all others, and number of tracks with a possible pair
 /// that suffices.
 const COMPARED: usize = 200;
@@ -117,10 +121,10 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
         }
     }
     let count = radars.len();
-    let large = large(&information, &score, count);
-    let (_, errors, variances) = evidence(&information, &score, &large);
+    let (large, wide) = likeliest(&information, &score, count);
+    let (_, errors, variances) = evidence(&information, &score, (&large, &wide));
     let value = |k: usize, j: usize| errors[KINDS * k + j] * prior[k][j];
-    let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { WIDE[j] } else { 1.0 };
+    let sigma = |k: usize, j: usize| prior[k][j] * if large[k] { wide[j] } else { 1.0 };
     let known = |k: usize, j: usize| prior[k][j] * variances[KINDS * k + j].sqrt();
     let of = |track: usize, k: usize| tracks[track].radar == k;
     let paired = |k| pairs.iter().filter(|pair| of(pair.first, k) || of(pair.second, k)).count();
@@ -132,19 +136,33 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     }
 }
 
-/// Returns which radars may have large errors.
-fn large(information: &DMatrix<f64>, score: &DVector<f64>, count: usize) -> Vec<bool> {
-    let odds = |large: &[bool]| evidence(information, score, large).0;
+/// Returns which radars may have large errors, and their standard deviations.
+fn likeliest(
+    information: &DMatrix<f64>,
+    score: &DVector<f64>,
+    count: usize,
+) -> (Vec<bool>, Errors) {
+    let [usual, scaled] = [IN_SCALE, WIDE].map(|wide| large(information, score, (count, &wide)));
+    if scaled.0 + SCALE > usual.0 { (scaled.1, WIDE) } else { (usual.1, IN_SCALE) }
+}
+
+/// Returns which radars may have errors that are so `wide`, and ln of the odds.
+fn large(
+    information: &DMatrix<f64>,
+    score: &DVector<f64>,
+    (count, wide): (usize, &Errors),
+) -> (f64, Vec<bool>) {
+    let odds = |large: &[bool]| evidence(information, score, (large, wide)).0;
     let one = |k: usize| ONE + odds(&(0..count).map(|i| i == k).collect::<Vec<_>>());
     let ones: Vec<f64> = (0..count).map(one).collect();
     let likeliest = ones.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let [none, all] = [odds(&vec![false; count]), ALL + odds(&vec![true; count])];
     if none >= likeliest.max(all) {
-        vec![false; count]
+        (none, vec![false; count])
     } else if all >= likeliest {
-        vec![true; count]
+        (all, vec![true; count])
     } else {
-        ones.iter().map(|own| *own > likeliest - RIVAL).collect()
+        (likeliest, ones.iter().map(|own| *own > likeliest - RIVAL).collect())
     }
 }
 
@@ -153,10 +171,10 @@ fn large(information: &DMatrix<f64>, score: &DVector<f64>, count: usize) -> Vec<
 fn evidence(
     information: &DMatrix<f64>,
     score: &DVector<f64>,
-    large: &[bool],
+    (large, wide): (&[bool], &Errors),
 ) -> (f64, DVector<f64>, DVector<f64>) {
     let n = score.len();
-    let sigma = |i: usize| if large[i / KINDS] { WIDE[i % KINDS] } else { 1.0 };
+    let sigma = |i: usize| if large[i / KINDS] { wide[i % KINDS] } else { 1.0 };
     let u = DVector::from_fn(n, |i, _| sigma(i) * score[i]);
     let m = DMatrix::from_fn(n, n, |i, j| {
         f64::from(u8::from(i == j)) + sigma(i) * information[(i, j)] * sigma(j)
