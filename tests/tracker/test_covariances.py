@@ -63,6 +63,8 @@ def drawn_plots(rng, radars):
     return Plots(time, distance, azimuth, height=height, sensor=sensor)
 
 
+# some targets are faster than those of their profile
+@pytest.mark.filterwarnings("ignore:.*and max_speed is:UserWarning")
 @pytest.mark.parametrize("seed", range(60))
 def test_covariances_of_drawn_scenes(seed):
     rng = np.random.default_rng([71, seed])

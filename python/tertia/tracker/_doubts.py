@@ -12,6 +12,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._extents import Extents
+from tertia.tracker._mistakes import Ranges, mistakes, range_doubts
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import chosen, joined, scans
 from tertia.tracker._sensors import Sensor, interval
@@ -27,6 +28,9 @@ _TRIED, _LAGS, _PAIRS = np.geomspace(0.2, 5.0, 300), (0.2, 0.3, 0.5, 0.7, 1, 1.6
 # mean cosine, of what a beam turned less what is expected, from which a period is believed; by how
 # much it exceeds that of the period stated; difference between periods that explain the same
 _TURNS, _MORE, _EQUAL = 0.9, 0.3, 0.03
+# mean cosine below which there is no beam; times after which targets come back without one, in
+# scans, and share of the targets that do
+_NO_BEAM, _EARLY, _BACK = 0.4, (0.15, 0.6), 0.15
 # sectors of 30° that must have several plots
 _SECTOR, _SECTORS, _SEVERAL = np.pi / 6.0, 5, 3
 # copies of a report come within so many seconds; share of the reports that follow sooner than
@@ -106,6 +110,7 @@ class Doubts:
         self._count, self._due = 0, np.nan
         self._span = _PERIODS * max(map(interval, sensors))
         self._shared, self._extents = Shared(sensors), Extents(sensors)
+        self._ranges, self._sensors = Ranges(sensors), sensors
         # when to look at the errors of the sensors
         self._look = np.nan
 
@@ -122,6 +127,7 @@ class Doubts:
     def after(self, table: TrackTable, plots: Plots, first: int, names: Sequence[str]) -> list[str]:
         """Return what there is to say after an update with plots from index `first` on."""
         said = self._of_periods(plots, names) + self._shared.doubts(table)
+        said += self._ranges.doubts(table, plots, names)
         if self._extents.are_known:
             return said
         own = np.flatnonzero((table.plot >= first) & (table.plot < first + len(plots)))
@@ -146,6 +152,8 @@ class Doubts:
                 said += period_doubts(sensor, seen, names[k], self._max_speed)
         if self._count >= _MOST or not self._unknown:
             self._unknown, self._plots = {}, []
+            own = {k: several[several.sensor == k] for k in _ranging(self._sensors)}
+            said += mistakes(own, self._sensors, names, self._max_speed)
         return said
 
 
@@ -207,12 +215,20 @@ def recording_doubts(
 ) -> list[str]:
     """Return what there is to say about a recording, its tracks, and the errors of its sensors."""
     said = Shared(sensors).doubts(table, last=True)
-    said += place_doubts(sensors, bias, names_of(sensors))
-    for k, (sensor, name) in enumerate(zip(sensors, names_of(sensors), strict=True)):
+    names = names_of(sensors)
+    said += place_doubts(sensors, bias, names) + range_doubts(table, plots, sensors, names)
+    own = {k: plots[_begin(sensors[k], k, plots)] for k in _ranging(sensors)}
+    for k, first in own.items():
+        sensor, seen = sensors[k], seen_by(sensors[k], first)
         if not isinstance(sensor, Station):
-            seen = seen_by(sensor, plots[_begin(sensor, k, plots)])
-            said += period_doubts(sensor, seen, name, max_speed)
-    return said + extent_doubts(table, plots, sensors, names_of(sensors))
+            said += period_doubts(sensor, seen, names[k], max_speed)
+    said += mistakes(own, sensors, names, max_speed)
+    return said + extent_doubts(table, plots, sensors, names)
+
+
+def _ranging(sensors: Sequence[Sensor]) -> list[int]:
+    """Return the indices of the sensors whose plots have a place."""
+    return [k for k, one in enumerate(sensors) if not isinstance(one, Station)]
 
 
 def extent_doubts(
@@ -264,13 +280,7 @@ def period_doubts(
     if not _is_enough(seen[:, 0], stated):
         return []
     if isinstance(sensor, Radar):
-        turn = _turn(seen[:, :2], stated)
-        if turn is None or _return(seen[:, 2:], seen[:, 0], max_speed, _SOONEST) > _DIFFERS * turn:
-            return []
-        return [
-            f"{name}: its beam turns once in about {turn:.2g} s, and scan_period is {stated:g} s: "
-            "tracks are lost or split. State the true one"
-        ]
+        return _beam_doubts(seen, stated, name, max_speed)
     found = _return(seen[:, 1:], seen[:, 0], max_speed, _SOON)
     if not _DIFFERS * stated < found < np.inf:
         return []
@@ -281,13 +291,33 @@ def period_doubts(
     ]
 
 
+def _beam_doubts(seen: FloatArray, stated: float, name: str, max_speed: float) -> list[str]:
+    """Return what there is to say about the beam of a radar, from what it has seen."""
+    turn, (early, late) = _turn(seen[:, :2], stated), stated * np.array(_EARLY)
+    if turn == np.inf and _return(seen[:, 2:], seen[:, 0], max_speed, _BACK, early) < late:
+        return [
+            f"{name}: its plots do not follow a beam that turns, and targets come back after any "
+            "time: tracks are split. Give its plots, as positions with covariances, to a "
+            "PositionSensor"
+        ]
+    if (
+        turn in {None, np.inf}
+        or _return(seen[:, 2:], seen[:, 0], max_speed, _SOONEST) > _DIFFERS * turn
+    ):
+        return []
+    return [
+        f"{name}: its beam turns once in about {turn:.2g} s, and scan_period is {stated:g} s: "
+        "tracks are lost or split. State the true one"
+    ]
+
+
 def _is_enough(time: FloatArray, stated: float) -> bool:
     known = len(time) >= _ENOUGH and np.ptp(time) >= _PERIODS * stated
     return bool(known or len(time) >= _MOST)
 
 
 def _turn(seen: FloatArray, stated: float) -> float | None:
-    """Return the period of a beam if it is clearly not that stated."""
+    """Return the period of a beam if it is clearly not that stated; infinity without a beam."""
     time, azimuth = seen.T
     sectors = np.bincount((azimuth % (2.0 * np.pi) // _SECTOR).astype(np.int64))
     if np.sum(sectors >= _SEVERAL) < _SECTORS:
@@ -311,6 +341,8 @@ def _turn(seen: FloatArray, stated: float) -> float | None:
         return None
     follows = np.mean(np.cos(turned - rates * since), axis=1)
     best = float(np.max(follows))
+    if best < _NO_BEAM:
+        return np.inf
     if best < _TURNS or as_stated > best - _MORE:
         return None
     # half of a period may explain few azimuths as well
@@ -319,10 +351,15 @@ def _turn(seen: FloatArray, stated: float) -> float | None:
     return stated * float(_TRIED[last[np.argmax(follows[last])]])
 
 
-def _return(place: FloatArray, time: FloatArray, max_speed: float, share: float) -> float:
-    """Return the time within which this share of the targets is seen again nearby; or infinity."""
+def _return(
+    place: FloatArray, time: FloatArray, max_speed: float, share: float, after: float = _COPIED
+) -> float:
+    """Return the time within which this share of the targets is seen again nearby; or infinity.
+
+    Plots that follow sooner than `after` do not count.
+    """
     since = time - time[:_ENOUGH, np.newaxis]
     moved = np.linalg.norm(place - place[:_ENOUGH, np.newaxis], axis=-1)
-    again = (since > _COPIED) & (moved <= max_speed * since)
+    again = (since > after) & (moved <= max_speed * since)
     soonest = np.min(since, axis=1, where=again, initial=np.inf)
     return float(np.quantile(soonest, share, method="lower"))

@@ -40,9 +40,10 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
     Warns
     -----
     UserWarning
-        If the period of a sensor is wrong, two tracks have the same address at the same time, all
-        radars have the same errors, as if the position of one of them were wrong, or many targets
-        give several plots in a scan although `target_extent` is 0.
+        If the period of a sensor, the unit or the scale of its ranges, or `max_speed` is evidently
+        wrong, a radar has no beam that turns, two tracks have the same address at the same time,
+        all radars have the same errors, as if the position of one of them were wrong, or many
+        targets give several plots in a scan although `target_extent` is 0.
 
     Examples
     --------

@@ -267,10 +267,11 @@ class Tracker:
         -----
         UserWarning
             If the plots of a sensor go on at other times than those of the others, if the tracker
-            starts anew because all plots come from an earlier time, if a period is wrong, if two
-            tracks have the same address at the same time, if all radars have the same errors, as if
-            the position of one of them were wrong, or if many targets give several plots in a scan
-            although `target_extent` is 0.
+            starts anew because all plots come from an earlier time, if a period, the unit or the
+            scale of ranges, or `max_speed` is evidently wrong, if a radar has no beam that turns,
+            if two tracks have the same address at the same time, if all radars have the same
+            errors, as if the position of one of them were wrong, or if many targets give several
+            plots in a scan although `target_extent` is 0.
         """
         table = self._track(plots, time, recording=False)
         for said in self._doubts(table, plots, names_of(self.sensors)):
