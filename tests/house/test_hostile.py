@@ -83,6 +83,7 @@ def attempt(function: Any, arguments: dict[str, Any]) -> str:
 @pytest.mark.filterwarnings("ignore:arrival_time is about .*has steps of")
 @pytest.mark.filterwarnings("ignore:(all measurements|most plots) of .* contradict the other")
 @pytest.mark.filterwarnings("ignore:the azimuths contradict each other at most instants")
+@pytest.mark.filterwarnings("ignore:nearly all plots of radars . and . are the same")
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
 def test_wrong_arguments_are_refused(call: tuple[Any, dict[str, Any]]) -> None:
     function, given = call

@@ -51,8 +51,8 @@ def doubt_copies(z: FloatArray) -> None:
         is_coarse = np.sum(one[..., 1:] == one[..., :-1], axis=-1) > _COARSE * both
         if np.any((both >= _FEWEST) & same & ~is_coarse):
             warnings.warn(
-                f"nearly all plots of radars {a} and {b} are the same, as if they were given twice: "
-                "the covariance takes their errors for independent",
+                f"nearly all plots of radars {a} and {b} are the same, as if they were given "
+                "twice: the covariance takes their errors for independent",
                 stacklevel=3,
             )
             return

@@ -109,7 +109,8 @@ fn period(track: &Track<'_>, deviations: &[Vec<f64>], half: usize) -> f64 {
     let step = TAU / (RESOLUTION * span);
     // more would only be found if some steps are much longer than the median
     let most = (RESOLUTION * n as f64) as usize;
-    let frequencies = (0..=(((high - low) / step) as usize).min(most)).map(|i| low + i as f64 * step);
+    let frequencies =
+        (0..=(((high - low) / step) as usize).min(most)).map(|i| low + i as f64 * step);
     let power = |frequency: f64| -> f64 {
         let waves: Vec<_> = times.iter().map(|t| (frequency * (t - times[0])).sin_cos()).collect();
         let of = |own: &Vec<f64>| {
