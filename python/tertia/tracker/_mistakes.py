@@ -60,6 +60,8 @@ _WRONG = {_GAIN: 0.1, _SLANT: 1.0}
 # acceleration of targets, m/s2; least fall of the mean square, relative to it, and of their sum
 _LIKELY = {_GAIN: (0.004, 0.2), _SLANT: (0.5, 1.5)}
 _LARGEST, _ACCELERATION, _FALL, _SUM, _STEPS = 20.0, 2.0, 0.15, 60.0, 8
+# mean square below which usual errors explain the differences
+_UNEXPLAINED = 1.1
 
 
 class Seen(NamedTuple):
@@ -155,19 +157,20 @@ def _too_fast(seen: Seen, period: float, max_speed: float) -> float:
     moved, ahead = (seen.place[after] - place)[:, np.newaxis], ahead[:, np.newaxis]
     way = velocity[:, :, np.newaxis] * ahead[..., np.newaxis]
     off = np.linalg.norm(moved - way, axis=-1)
-    others = [way[..., ::-1] * [1.0, -1.0], _OTHER_SPEEDS[0] * way, _OTHER_SPEEDS[1] * way]
     near = off <= _PLACE_SIGMAS * sigma + _CHANGE * max_speed * ahead
     is_slow = near & (speed <= _FAST * max_speed + _SPEED_SIGMAS * sigma / period)
     is_fast = (speed > _FAST * max_speed) & (speed < max(_FASTEST, _TIMES * max_speed))
     is_fast &= ~is_slow.any(axis=(1, 2), keepdims=True)
     tolerance = _SIGMAS * sigma + _STEADY * speed * ahead
     hit = is_fast & (off <= tolerance)
-    by_chance = [
-        is_fast & (np.linalg.norm(moved - other, axis=-1) <= tolerance) for other in others
-    ]
-    shares = [np.mean(one.any(axis=(1, 2))) for one in (hit, *by_chance)]
-    share = shares[0] - max(shares[1:])
-    return float(np.median(np.broadcast_to(speed, hit.shape)[hit])) if share > _SHOWN else 0.0
+    share = np.mean(hit.any(axis=(1, 2)))
+    if share <= _SHOWN:
+        return 0.0
+    for other in (way[..., ::-1] * [1.0, -1.0], *(faster * way for faster in _OTHER_SPEEDS)):
+        by_chance = is_fast & (np.linalg.norm(moved - other, axis=-1) <= tolerance)
+        if share - np.mean(by_chance.any(axis=(1, 2))) <= _SHOWN:
+            return 0.0
+    return float(np.median(np.broadcast_to(speed, hit.shape)[hit]))
 
 
 def _looked(seen: Seen, period: float) -> IntArray:
@@ -283,6 +286,8 @@ def _ranges_of(pairs: Pairs, sensors: Sequence[Sensor], names: Sequence[str]) ->
     """
     usual = np.tile(_USUAL, len(sensors))
     before, _ = _explained(*pairs, usual)
+    if before < _UNEXPLAINED:
+        return []
     best, text = (1.0 - _FALL) * before, []
     for at in np.flatnonzero([isinstance(sensors[k // _KINDS], Radar) for k in range(len(usual))]):
         k, kind = divmod(int(at), _KINDS)
