@@ -158,8 +158,8 @@ class Modes:
         other.share *= min(1.0, 0.5 / other.share.sum())
         return other
 
-    def are_peaks(self):
-        """Whether each bad mode is a peak beside the good one."""
+    def are_apart(self):
+        """Whether each bad mode is a peak beside the good one, or far wider."""
         z = self.d[:, None] * np.arange(13) / 12
 
         def density(share, off, width):
@@ -169,7 +169,7 @@ class Modes:
         share, d, t = (v[:, None] for v in (self.share, self.d, self.t))
         found = good + density(share, z - d, t)
         lowest = np.minimum.accumulate(found, axis=1)
-        return np.any(found > 1.2 * lowest, axis=1)
+        return np.any(found > 1.2 * lowest, axis=1) | (self.t > 5 * self.s)
 
     def point(self):
         first = [self.mu, np.log(self.s), self.kappa]
@@ -435,8 +435,8 @@ def mixtures(y, step, bursts=True):
         for modes, parameters in found:
             g, likelihood, _, _ = modes.posterior(y)
             rows.append((likelihood, parameters, modes, g, modes.s, False))
-            if shape != "wide" and modes.kappa == 0 and not modes.are_peaks().all():
-                good = 1 - g[:, 1:] @ modes.are_peaks()
+            if shape != "wide" and modes.kappa == 0 and not modes.are_apart().all():
+                good = 1 - g[:, 1:] @ modes.are_apart()
                 width = np.sqrt(np.average((y - np.average(y, weights=good)) ** 2, weights=good))
                 rows.append((likelihood, parameters, None, good[:, None], width, True))
             if shape == "one" and g[:, 1].sum() > 0.45 * n:

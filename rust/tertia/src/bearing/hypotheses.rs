@@ -355,18 +355,18 @@ impl Hypotheses {
         }
     }
 
-    /// If a bad mode beside the good one is no peak of its own, the data do not show whether its measurements
-    /// are bad, or good ones with skewed noise. Adds the latter as a hypothesis that counts in sigma only.
+    /// If a bad mode is not apart from the good one, the data do not show whether its measurements are bad, or good
+    /// ones with skewed noise. Adds the latter as a hypothesis that counts in sigma only.
     fn add_skewed(&mut self, which: usize, y: &[f64]) {
         let fitted = &self.list[which];
         let Some(modes) = fitted.modes.filter(|m| m.shape != Shape::Wide) else { return };
-        let is_peak: Vec<bool> = (0..modes.kinds()).map(|j| modes.is_peak(j)).collect();
-        if is_peak.iter().all(|peak| *peak) {
+        let is_apart: Vec<bool> = (0..modes.kinds()).map(|j| modes.is_apart(j)).collect();
+        if is_apart.iter().all(|apart| *apart) {
             return;
         }
         let is_good = |bad: &[f64]| {
-            let peaks = bad.iter().zip(&is_peak).filter(|(_, peak)| **peak);
-            1.0 - peaks.map(|(share, _)| share).sum::<f64>()
+            let bad = bad.iter().zip(&is_apart).filter(|(_, apart)| **apart);
+            1.0 - bad.map(|(share, _)| share).sum::<f64>()
         };
         let good_probability: Vec<f64> =
             fitted.bad.chunks_exact(modes.kinds()).map(is_good).collect();

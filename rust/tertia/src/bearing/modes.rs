@@ -22,6 +22,8 @@ const PLACES: usize = 12;
 /// Smallest density of a peak, relative to the lowest one before it; mixtures that are fitted to skewed noise
 /// have a slight dip by chance.
 const PEAK: f64 = 1.2;
+/// Largest width of a bad mode, relative to the good one, that skewed noise may have.
+const WIDEST: f64 = 5.0;
 const LARGEST_PERSISTENCE: f64 = 0.98;
 
 /// Returns what must be subtracted from all log ratios of a value so that
@@ -187,8 +189,9 @@ impl Modes {
         found
     }
 
-    /// Whether the density between the good mode and a bad one is clearly lower than in the bad one.
-    pub fn is_peak(&self, j: usize) -> bool {
+    /// Whether the density between the good mode and a bad one is clearly lower than in the bad one, or the bad one is
+    /// so wide that it is no part of any usual noise.
+    pub fn is_apart(&self, j: usize) -> bool {
         let of =
             |share: f64, z: f64, width: f64| share * (-0.5 * (z / width).powi(2)).exp() / width;
         let bad = self.bad[j];
@@ -197,11 +200,12 @@ impl Modes {
             of(self.good_share(), z, self.width) + of(bad.share, z - bad.offset, bad.width)
         };
         let mut lowest = density(0);
-        (1..=PLACES).any(|k| {
-            let found = density(k);
-            lowest = lowest.min(found);
-            found > PEAK * lowest
-        })
+        bad.width > WIDEST * self.width
+            || (1..=PLACES).any(|k| {
+                let found = density(k);
+                lowest = lowest.min(found);
+                found > PEAK * lowest
+            })
     }
 
     /// Limits the shares of the bad modes so that at least half of the measurements are good.
