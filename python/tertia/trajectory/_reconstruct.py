@@ -207,9 +207,10 @@ def reconstruct(
     by expectation maximisation, in which the noise decreases from the size of the residuals of the
     first track to the stated noise. Repeated measurements are removed first, as are stations whose
     varying errors contradict all the others throughout. If the errors of ranges clearly grow with
-    the range, so do the sigmas that are used (`relative_range_sigma`). The covariance is the mean
-    of those for different intensities q of the jerk, weighted by the likelihood of q and by a prior
-    density of log q that is proportional to q^(1/4).
+    the range, so do the sigmas that are used (`relative_range_sigma`); if several kinds are
+    measured and one has far larger errors than stated, its sigmas are larger. The covariance is the
+    mean of those for different intensities q of the jerk, weighted by the likelihood of q and by a
+    prior density of log q that is proportional to q^(1/4).
 
     **Systematic errors.** The measurements of one kind by a station have an error c + g(t), where c
     is constant and g is a Gauss-Markov process. To first order this error adds A_t (c + g) to the

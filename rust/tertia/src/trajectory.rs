@@ -21,6 +21,7 @@ mod failure;
 mod fixes;
 mod found;
 mod grid;
+mod growth;
 mod images;
 mod instant;
 mod isolated;
@@ -90,7 +91,8 @@ const AGILE: f64 = 10.0;
 
 /// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
 /// estimated. Repeated measurements and columns that are wrong throughout are left out. Where errors of ranges
-/// are found to grow with the range, the path is estimated again with standard deviations that grow. N is 3 D.
+/// are found to grow with the range, or those of a kind to be far larger than stated, the path is estimated again
+/// with such standard deviations. N is 3 D.
 ///
 /// # Errors
 /// No instant can be located, the measurements do not determine the biases, or no path was found that agrees
@@ -100,10 +102,11 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
+    let solve = |record: &Record<'_>| proportional::<D, N>(record, jerk, systematic);
     let Some(thinned) = Thinned::without_repeats(record) else {
-        return proportional::<D, N>(record, jerk, systematic);
+        return growth::with_larger_errors(record, solve);
     };
-    let found = proportional::<D, N>(&thinned.record(record), jerk, systematic)?;
+    let found = growth::with_larger_errors(&thinned.record(record), solve)?;
     Ok(thinned.restored::<D, N>(record, found))
 }
 
