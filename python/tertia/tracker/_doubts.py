@@ -12,7 +12,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._extents import Extents
-from tertia.tracker._mistakes import Ranges, mistakes, range_doubts
+from tertia.tracker._mistakes import Ranges, are_slow, mistakes, range_doubts
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import chosen, joined, scans
 from tertia.tracker._sensors import Sensor, interval
@@ -222,7 +222,8 @@ def recording_doubts(
         sensor, seen = sensors[k], seen_by(sensors[k], first)
         if not isinstance(sensor, Station):
             said += period_doubts(sensor, seen, names[k], max_speed)
-    said += mistakes(own, sensors, names, max_speed)
+    may_be_faster = not are_slow(table, max_speed)
+    said += mistakes(own, sensors, names, max_speed, may_be_faster=may_be_faster)
     return said + extent_doubts(table, plots, sensors, names)
 
 

@@ -26,6 +26,9 @@ _SCAN, _STEADY, _SIGMAS = (0.5, 1.5), 0.15, 5.0
 # speeds that are too high: relative to the largest speed, and up to so many m/s, or times the
 # largest speed; share of the plots that must show them
 _FAST, _FASTEST, _TIMES, _SHOWN = 1.25, 500.0, 10.0, 0.3
+# speed of tracks, relative to the largest speed, and share of their rows that may be faster, up to
+# which the largest speed is not too low
+_SLOW, _SPARE = 0.95, 0.05
 # speeds of paths by chance, relative to the one before
 _OTHER_SPEEDS = (2.0, -1.0)
 # the same of a target that is not too fast: sigmas of its speed and of its place, and the change of
@@ -113,15 +116,30 @@ def seen_of(
 
 
 def mistakes(
-    plots: dict[int, Plots], sensors: Sequence[Sensor], names: Sequence[str], max_speed: float
+    plots: dict[int, Plots],
+    sensors: Sequence[Sensor],
+    names: Sequence[str],
+    max_speed: float,
+    *,
+    may_be_faster: bool = True,
 ) -> list[str]:
     """Return what there is to say about units of ranges, and about the largest speed.
 
-    `plots` are some successive plots of each sensor that measures positions.
+    `plots` are some successive plots of each sensor that measures positions. The speed is looked at
+    if targets `may_be_faster`.
     """
+    if len(plots) < 2 and not may_be_faster:
+        return []
     seen = {k: seen_of(own, sensors, k) for k, own in plots.items()}
     said = _unit_doubts(seen, plots, sensors, names)
-    return said or _speed_doubts(seen, sensors, names, max_speed)
+    return said or (_speed_doubts(seen, sensors, names, max_speed) if may_be_faster else [])
+
+
+def are_slow(table: TrackTable, max_speed: float) -> bool:
+    """Whether tracks have most of the plots of a recording, and are slower than targets may be."""
+    speed = np.linalg.norm(table.velocity[:_ROWS], axis=-1)
+    has_most = np.count_nonzero(table.track_of_plot >= 0) > 0.5 * len(table.track_of_plot)
+    return bool(has_most and np.count_nonzero(speed > _SLOW * max_speed) < _SPARE * len(speed))
 
 
 def _speed_doubts(
@@ -274,6 +292,8 @@ def range_doubts(
     table: TrackTable, plots: Plots, sensors: Sequence[Sensor], names: Sequence[str]
 ) -> list[str]:
     """Return whether the ranges of a radar have an error that radars do not usually have."""
+    if sum(not isinstance(one, Station) for one in sensors) < 2:
+        return []
     pairs = _pairs(followed(table), plots, sensors)
     return [] if pairs is None else _ranges_of(pairs, sensors, names)
 
