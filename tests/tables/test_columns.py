@@ -53,7 +53,7 @@ CALLS = {
     ),
     "smoothing.local_polynomial": lambda y, t: smoothing.local_polynomial(y, time=t).value,
     "fusion.fuse_series": lambda y, t: (
-        fusion.fuse_series([y, y], 1.0, MODEL, time=t, period=360.0).mean
+        fusion.fuse_series([y], 1.0, MODEL, time=t, period=360.0).mean
     ),
     "metrics.rmse": lambda y, t: metrics.rmse(y),
     "tracker": lambda y, t: (
