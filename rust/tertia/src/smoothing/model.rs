@@ -57,10 +57,10 @@ impl Model {
         motion
     }
 
-    /// Whether the position wanders, or oscillates, about the path.
+    /// Whether the position wanders, or oscillates, about the path: along all axes, or along none.
     #[inline(always)]
     pub fn wanders(&self) -> bool {
-        self.wandering.iter().any(|size| *size > 0.0)
+        self.wandering[0] > 0.0
     }
 
     /// Angular frequency of the oscillation if it were not damped.

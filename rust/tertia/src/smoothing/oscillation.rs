@@ -88,15 +88,15 @@ fn suspected(track: &Track<'_>, faults: &Faults, out: &Smoothed<'_>) -> Option<(
 fn half_period(own: &[f64]) -> Option<(f64, usize)> {
     let most = (own.len() / (2 * PERIODS)).min(LONGEST / 2);
     let variance = covariance(own, 0);
-    let correlation: Vec<f64> = (0..=2 * most).map(|lag| covariance(own, lag) / variance).collect();
+    let at = |lag: usize| covariance(own, lag) / variance;
+    let correlation: Vec<f64> = (0..=most).map(at).collect();
     let lowest = correlation.get(2..=most)?.iter().copied().fold(0.0, f64::min);
     // the first minimum that is nearly as low as the lowest one: others are multiples of it
     let limit = OPPOSITE.min(NEARLY * lowest);
     let first = (2..=most).find(|&lag| correlation[lag] < limit)?;
     let below = (first..=most).take_while(|&lag| correlation[lag] < limit);
     let half = below.min_by(|&a, &b| correlation[a].total_cmp(&correlation[b]))?;
-    (correlation[2 * half] > 0.0 && correlation[1] > SUCCESSIVE)
-        .then_some((correlation[half], half))
+    (at(2 * half) > 0.0 && at(1) > SUCCESSIVE).then_some((correlation[half], half))
 }
 
 /// Returns the period at which the deviations have the highest power, of those near two times `half` plots.
@@ -128,9 +128,9 @@ fn period(track: &Track<'_>, deviations: &[Vec<f64>], half: usize) -> f64 {
 /// Differences of the plots of an axis from the path, less their mean; 0 where there is no plot.
 fn deviations(track: &Track<'_>, axis: usize, faults: &Faults, out: &Smoothed<'_>) -> Vec<f64> {
     let (d, m, states) = (track.dimension, track.numbers, 3 * track.dimension);
-    let mut own = Vec::with_capacity(track.len());
+    let (mut own, mut trend) = (Vec::with_capacity(track.len()), vec![0.0; states]);
     for k in 0..track.len() {
-        let mut trend = vec![0.0; states];
+        trend.fill(0.0);
         track.add_trend(k, &mut trend);
         let is_gross = faults.gross[k * m / d];
         let away = track.plot(k)[axis] + trend[axis] - out.mean[k * states + axis];

@@ -212,7 +212,9 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         if fits.faults != *faults {
             *fits = Fits { faults: faults.clone(), known: Vec::new() };
         }
-        if let Some((_, fit)) = fits.known.iter().find(|(known, _)| *known == model) {
+        // most models differ in their motion
+        let is_known = |(known, _): &&(Model, Fit)| known.motion == model.motion && *known == model;
+        if let Some((_, fit)) = fits.known.iter().find(is_known) {
             return *fit;
         }
         let fit = self.engine.fit(self.track, &model, faults);

@@ -15,6 +15,9 @@ use crate::sensors::KINDS;
 /// 1.7.
 const LARGER: f64 = 1.8;
 const STILL_LARGER: f64 = 1.3;
+/// How much larger they are than those of another kind: if all are as large, the errors of all kinds are, and the
+/// path is right.
+const UNEQUAL: f64 = 1.3;
 /// Largest number of times that the path is estimated again.
 const AGAIN: usize = 3;
 /// Share of outliers from which a kind is wrong, whatever its standard deviation is.
@@ -81,10 +84,12 @@ fn has_several_kinds(record: &Record<'_>) -> bool {
 
 /// Returns the factors of the standard deviations of each kind, if one of them must be larger than `growth`.
 fn larger(record: &Record<'_>, found: &Trajectory, growth: [f64; KINDS]) -> Option<[f64; KINDS]> {
+    let sizes: [Option<f64>; KINDS] = std::array::from_fn(|kind| size(record, found, kind));
+    let least = sizes.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let mut larger = growth;
-    for (kind, factor) in larger.iter_mut().enumerate() {
-        let least = if *factor > 1.0 { STILL_LARGER } else { LARGER };
-        if let Some(size) = size(record, found, kind).filter(|size| *size > least) {
+    for (factor, size) in larger.iter_mut().zip(sizes) {
+        let limit = if *factor > 1.0 { STILL_LARGER } else { LARGER };
+        if let Some(size) = size.filter(|size| *size > limit && *size > UNEQUAL * least) {
             *factor *= size;
         }
     }
