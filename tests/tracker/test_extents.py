@@ -222,6 +222,15 @@ def test_extents_that_are_not_stated_are_said(recorded):
         track(plots, [POINT], profile="vessel") if recorded else live(plots, POINT)
 
 
+def test_sensors_without_plots_have_no_extent():
+    """Nor have the targets of a recording without any plots."""
+    time = np.arange(0.0, 100.0, PERIOD)
+    plots = Plots(time, 5e3 + 8.0 * time, np.full(len(time), 0.5))
+    sensors = [POINT, PositionSensor(position_sigma=5.0, bias=Bias())]
+    assert len(np.unique(track(plots, sensors, profile="vessel").track)) == 1
+    assert len(track(Plots([], [], []), sensors)) == 0
+
+
 def test_targets_that_fly_together_have_no_extent():
     """Each ship has a companion 60 m away, and a fifth of its plots come twice."""
     plots, owner = plots_of(11, single=True)

@@ -45,7 +45,8 @@ class Extents:
         """Leave out the sensors that have hardly any plots together in this recording."""
         for k, sensor in [*self._sensors.items()]:
             own = np.flatnonzero(plots.sensor == k)
-            if np.count_nonzero(_follows(sensor, plots, own)) < _SOME * max(1, len(own)):
+            # the sensor may have no plots at all
+            if len(own) < _SCANS or np.mean(_follows(sensor, plots, own)) < _SOME:
                 del self._sensors[k]
 
     def after(
