@@ -6,6 +6,7 @@
 
 pub(crate) mod adjoint;
 mod alike;
+mod away;
 mod diffuse;
 mod expected;
 mod faults;

@@ -5,70 +5,62 @@
 //! stations are estimated from contradictions between stations. [`by_polynomials`] smooths the positions
 //! without a motion model, [`temporal_first`] smooths the measurements of each station. Cost O(N K),
 //! and up to O(K³) for each size of systematic errors that is tried.
+//!
+//! The parts, in an order in which each uses only those above it:
+//!
+//! | part | content |
+//! |---|---|
+//! | `measured` | the measurements of a record |
+//! | `path` | smoothed positions over time |
+//! | `mirror` | stations in a plane, for which a path and its mirror image look alike |
+//! | `arrivals` | emitters, receivers and their clocks from times of arrival |
+//! | `instants` | locations of single instants |
+//! | `search` | the path that fits all measurements except outliers |
+//! | `systematic` | systematic errors of the stations, constant or lasting |
+//! | `images` | which of two mirror images is right |
+//! | `methods` | results, and paths without a model of motion |
+//! | `corrections` | records that are not as stated: clocks, repeated measurements, too small sigmas |
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 pub mod arrivals;
-mod bias;
-mod blocks;
-mod clocks;
-mod contradictions;
-mod crossings;
-mod damping;
-mod differences;
-mod failure;
-mod fixes;
-mod found;
-mod grid;
-mod growth;
+mod corrections;
 mod images;
-mod instant;
-mod isolated;
-mod lasting;
+mod instants;
 mod measured;
+mod methods;
 mod mirror;
-mod mixture;
-mod motion;
-mod outliers;
-mod partly;
 mod path;
-mod prior;
-mod ranges;
-mod result;
-mod series;
-mod sought;
-mod spatial;
-mod speed;
-mod survey;
-mod temporal;
-mod thinned;
-mod tukey;
+mod search;
+mod systematic;
 
-pub use failure::Failure;
-pub use fixes::Fixes;
-pub use lasting::LastingErrors;
+pub use instants::fixes::Fixes;
 pub use measured::Record;
-pub use prior::{Prior, Systematic};
-pub use result::{Smoothed, Trajectory};
-pub use series::Polynomials;
-pub use spatial::by_polynomials;
-pub use temporal::temporal_first;
+pub use methods::result::{Smoothed, Trajectory};
+pub use methods::spatial::by_polynomials;
+pub use methods::temporal::temporal_first;
+pub use path::failure::Failure;
+pub use path::series::Polynomials;
+pub use systematic::lasting::LastingErrors;
+pub use systematic::prior::{Prior, Systematic};
 
 use crate::base::angle::median;
 use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
-use bias::Biases;
-use differences::Received;
-use found::{Found, Setting};
+use corrections::differences::Received;
+use corrections::ranges::Proportional;
+use corrections::thinned::Thinned;
+use corrections::{clocks, growth, partly};
 use images::Side;
-use lasting::Lasting;
-use measured::{Measured, seen};
+use measured::{Measured, bending, extent, seen};
+use methods::{motion, result::residuals};
 use path::Path;
-use ranges::Proportional;
-use result::residuals;
+use search::found::{Found, Setting};
 use std::rc::Rc;
-use thinned::Thinned;
+use systematic::bias::{self, Biases};
+use systematic::lasting::{self, Lasting};
+use systematic::{speed, survey};
 
 /// Largest number of rounds near the plane of the stations, where derivatives depend on the uncertainty of
 /// the states.
@@ -205,26 +197,6 @@ fn along<const D: usize, const N: usize>(
 /// Returns the motion of a second search; none if the stations are at one place.
 fn agile<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
     bending::<D>(record).map(|jerk| ProcessNoise::with_jerk(AGILE * AGILE * jerk))
-}
-
-/// Returns the jerk that bends a path, in the time of the record, by about the distance between the stations;
-/// none if the stations are at one place.
-fn bending<const D: usize>(record: &Record<'_>) -> Option<f64> {
-    let square = extent::<D>(record).powi(2);
-    let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
-    (jerk > 0.0 && jerk.is_finite()).then_some(jerk)
-}
-
-/// Returns the distance over which the stations are spread.
-fn extent<const D: usize>(record: &Record<'_>) -> f64 {
-    let spread = |axis: usize| {
-        let own = record.stations.iter().skip(axis).step_by(D);
-        let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-            (low.min(*value), high.max(*value))
-        });
-        (high - low).powi(2)
-    };
-    (0..D).map(spread).sum::<f64>().sqrt()
 }
 
 /// Whether the measurements, none of which is a range, leave it open how far the path is from the stations.

@@ -1,10 +1,10 @@
 //! Covariance that positions would have, before anything is measured.
 
 use super::descent::{self, Loss, NEAR};
-use super::fix::Instant;
-use super::record::Record;
+use super::search::fix::Instant;
+use super::solver::record::Record;
+use super::solver::summary::Spread;
 use super::solver::{Locator, Workspace, first};
-use super::summary::Spread;
 use crate::base::small::{Factor, Vector, norm, undetermined};
 
 impl Locator {

@@ -1,8 +1,16 @@
 //! Gauss–Newton and Newton steps on weighted, whitened residuals, with Levenberg damping.
 
-use super::doubt::EVIDENCE;
+pub(super) mod block;
+pub(super) mod doubt;
+pub(super) mod lane;
+mod lanes;
+pub(super) mod minimum;
+pub(super) mod starts;
+mod total;
+
 use crate::base::small::{Factor, Matrix, Vector, add_multiple, norm, quadratic};
 use crate::sensors::{Kind, Measurement, Row};
+use doubt::EVIDENCE;
 
 /// Least squares end when a step is shorter than this, in standard deviations.
 pub(super) const TOLERANCE: f64 = 1e-9;

@@ -6,13 +6,18 @@
 //! `bᵀ Σ⁻¹ b`, and the covariance Σ of the wind increases by `b bᵀ` times the variance of the
 //! difference.
 
-use super::fix::Instant;
+mod side;
+pub(super) mod speed;
+mod steady;
+pub(super) mod wind;
+
+use super::search::fix::Instant;
 use super::solver::{Locator, Workspace};
-use super::speed::Speed;
-use super::steady::WRONG;
-use super::wind::Wind;
 use crate::base::small::{Factor, dot};
 use crate::sensors::KINDS;
+use speed::Speed;
+use steady::WRONG;
+use wind::Wind;
 
 /// Largest number of rounds.
 const ROUNDS: usize = 20;

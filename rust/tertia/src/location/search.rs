@@ -1,15 +1,20 @@
 //! Search for the minimum that explains an instant best: start, robust steps, other minima.
 
-use super::arrivals;
-use super::candidates::Candidates;
+pub(super) mod arrivals;
+mod candidates;
+pub(super) mod fix;
+pub(super) mod lenth;
+pub(super) mod mirror;
+
+use super::descent::minimum::Minimum;
+use super::descent::starts;
 use super::descent::{self, Cost, End, HUBER, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY_TOLERANCE};
-use super::fix::Status;
-use super::lenth::{self, Weight};
-use super::minimum::Minimum;
-use super::mirror::{self, Side};
-use super::starts;
 use crate::base::small::{Factor, Vector, undetermined};
 use crate::sensors::{Kind, Measurement};
+use candidates::Candidates;
+use fix::Status;
+use lenth::Weight;
+use mirror::Side;
 
 const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;

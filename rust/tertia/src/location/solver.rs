@@ -1,19 +1,24 @@
 //! Location of instants: reads the measurements, descends from trusted starts, and writes the results.
 
+pub(super) mod growth;
+mod profile;
+pub(super) mod record;
+pub(super) mod summary;
+
+use super::descent::lane::LANES;
+use super::descent::minimum::Minimum;
 use super::descent::{Cost, HUBER_STEPS, Loss, Outliers, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
-use super::fix::{Fix, Instant, Method, Output, Status};
-use super::growth::growth;
-use super::lane::LANES;
-use super::lenth::Weight;
-use super::minimum::Minimum;
-use super::mirror::Side;
-use super::profile::Unbounded;
-use super::record::{NOWHERE, Record, Room};
+use super::search::fix::{Fix, Instant, Method, Output, Status};
+use super::search::lenth::Weight;
+use super::search::mirror::Side;
 use super::search::{Buffers, Search, position};
-use super::summary::Summary;
 use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Matrix, Vector, add, symmetrise};
 use crate::sensors::KINDS;
+use growth::growth;
+use profile::Unbounded;
+use record::{NOWHERE, Record, Room};
+use summary::Summary;
 
 /// Huber's steps from a trusted start end when they are shorter than this, in standard deviations.
 const NEAR_HUBER: f64 = 0.5;

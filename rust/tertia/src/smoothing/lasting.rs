@@ -7,10 +7,10 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-mod away;
 mod start;
 
 use super::adjoint::update;
+use super::away::{Away, Faded, Turn, axes};
 use super::diffuse;
 use super::information::Logarithms;
 use super::model::{Faults, Model};
@@ -19,8 +19,6 @@ use super::seen::Quantity;
 use super::track::Track;
 use crate::base::interrupt::poll;
 use crate::base::small::{self, Matrix as Square, dot, symmetrise};
-pub(super) use away::axes;
-use away::{Away, Faded, Turn};
 use start::{State, VAGUE, VAGUE_AFTER_ALL, near, prior, vague};
 
 /// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:

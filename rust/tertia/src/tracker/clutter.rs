@@ -1,20 +1,26 @@
 //! Estimates the density of false plots (clutter) from the plots of tracks that are not confirmed.
 
-use super::association::Association;
-use super::doubles::Seconds;
-use super::extent::Extent;
-use super::fixed::Fixed;
-use super::level::Heights;
-use super::patches::Patches;
+mod extent;
+mod fixed;
+mod patches;
+mod tally;
+pub(super) mod weighed;
+
+use super::filter::prospects::There;
+use super::noise::doubles::Seconds;
 use super::plot::Measured;
-use super::prospects::There;
+use super::plot::level::Heights;
 use super::settings::Settings;
-use super::tally::{Places, Tally, estimated, gain_by_way};
-use super::weighed::Weighed;
+use super::settings::association::Association;
 use crate::base::batch::for_each_part;
 use crate::sensors::Radar;
+use extent::Extent;
+use fixed::Fixed;
+use patches::Patches;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
+use tally::{Places, Tally, estimated, gain_by_way};
+use weighed::Weighed;
 
 /// Memory, in scans, of the mean density and of the share of false plots along routes.
 const MEMORY: f64 = 10.0;

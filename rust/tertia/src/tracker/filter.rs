@@ -1,21 +1,29 @@
 //! The filter of a track, of the kind that its motion model requires.
 
-use super::agility::Agility;
-use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
-use super::circles::Circles;
-use super::estimate::{Estimate, Moments, POSITION};
-use super::kinematics;
+pub(super) mod follower;
+mod moving;
+pub(super) mod plan;
+pub(super) mod prospects;
+pub(super) mod resolution;
+pub(super) mod sight;
+mod window;
+
+use super::motion::agility::Agility;
+use super::motion::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
+use super::motion::circles::Circles;
+use super::motion::estimate::{Estimate, Moments, POSITION};
+use super::motion::kinematics;
+use super::motion::speed::SpeedChange;
+use super::motion::swerve::Swerve;
 use super::motion::{ImmModel, Motion};
-use super::plan::{Guide, fold_plan};
-use super::prospects::Prospects;
 use super::settings::Settings;
-use super::speed::SpeedChange;
-use super::swerve::Swerve;
-use super::window::Window;
 use crate::base::plane::Plane;
 use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
+use plan::{Guide, fold_plan};
+use prospects::Prospects;
 use serde::{Deserialize, Serialize};
+use window::Window;
 
 /// If the density of a plot by all models is less than this, all models exclude it, and it does not change
 /// their probabilities.

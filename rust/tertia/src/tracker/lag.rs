@@ -5,13 +5,13 @@
 //! arrival, and a step is final when it is older than the lag. Copies of the state are kept at four instants
 //! within the lag; after a late plot, processing starts again from the last copy before it.
 
-use super::clock::Clock;
-use super::control::Command;
-use super::kept::Kept;
+use super::live::control::Command;
+use super::live::kept::Kept;
 use super::live::{Part, Tracker};
+use super::noise::repeats::{WAITING, next_part};
+use super::plot::clock::Clock;
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
-use super::repeats::{WAITING, next_part};
-use super::row::{Resumed, Row, Rows};
+use super::rows::row::{Resumed, Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
 use crate::base::interrupt::poll;

@@ -1,18 +1,24 @@
 //! The tracker: all tracks and estimates, and how they are updated by plots, scan by scan.
 
-use super::azimuths::Azimuths;
-use super::cluster::Clusters;
+pub(super) mod control;
+mod ending;
+mod found;
+pub(super) mod kept;
+mod late;
+mod shapes;
+
+use super::assignment::cluster::Clusters;
 use super::clutter::Clutter;
-use super::doubles::Doubles;
-use super::ended::Ended;
-use super::level::Level;
+use super::management::azimuths::Azimuths;
+use super::management::ended::Ended;
+use super::noise::doubles::Doubles;
+use super::noise::repeats::{ONCE, Repeats, WAITING, next_part};
 use super::noise::{Noise, assume, use_found};
+use super::plot::level::Level;
 use super::plot::{Measured, PlotStatus, Plots};
-use super::repeats::{ONCE, Repeats, WAITING, next_part};
-use super::row::Rows;
+use super::rows::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
-use super::shapes::{Shapes, resolve};
 use super::track::Track;
 use crate::base::batch::{SHARES_PER_THREAD, for_each_part};
 use crate::base::error::{Error, Result, require, require_positive};
@@ -20,6 +26,7 @@ use crate::base::interrupt::poll;
 use crate::base::scratch::Scratch;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
+use shapes::{Shapes, resolve};
 use std::num::NonZero;
 
 /// A part of the plots. `now` contains times and indices of the plots to be processed, `levels` the heights

@@ -1,5 +1,16 @@
 //! Models of how targets move, and their parameters.
 
+pub(super) mod agility;
+pub(super) mod bank;
+pub(super) mod circles;
+pub(super) mod curve;
+pub(super) mod estimate;
+pub(super) mod kinematics;
+pub(super) mod lean;
+pub(super) mod speed;
+pub(super) mod swerve;
+pub(super) mod velocities;
+
 use crate::association::gate::{self, GUARD, INNER, OUTER};
 use crate::base::error::{Result, require, require_positive};
 use crate::kalman::Singer;

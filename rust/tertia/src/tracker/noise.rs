@@ -7,17 +7,24 @@
 //! their contrast is nearly free of accelerations, too. Differences of targets that turn for long are left out.
 //! The estimates do not depend on the filters, which use the estimated noise.
 
-use super::differences::{ENOUGH, SURE, Size, THIRD, WINDOW};
-use super::individual::{Individual, key};
-use super::outliers::Outliers;
+pub(super) mod common;
+pub(super) mod copies;
+pub(super) mod doubles;
+pub(super) mod outliers;
+pub(super) mod repeats;
+mod turning;
+
+use super::errors::differences::{ENOUGH, SURE, Size, THIRD, WINDOW};
+use super::errors::quality::{Quality, Reports};
+use super::plot::individual::{Individual, key};
 use super::plot::{Measured, Source};
-use super::quality::{Quality, Reports};
-use super::repeats::Interval;
 use super::settings::Settings;
-use super::turning::Turning;
 use crate::sensors::{Detection, Radar};
+use outliers::Outliers;
+use repeats::Interval;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_2_PI;
+use turning::Turning;
 
 /// Number of plots over which the share of those without an identity is taken, number of such plots that are
 /// assumed at first, and least share.

@@ -1,11 +1,16 @@
 //! Plots of radars, and the reasons why plots are not used.
 
-use super::geometry::{Geometry, Polar};
-use super::individual::{Individual, key};
-use super::level::Level;
+pub(super) mod clock;
+pub(super) mod geometry;
+pub(super) mod individual;
+pub(super) mod level;
+
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::sensors::{Detection, Identities, Radar};
+use geometry::{Geometry, Polar};
+use individual::{Individual, key};
+use level::Level;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 

@@ -4,25 +4,25 @@
 //! Components are independent of one another, so several threads settle them, and a track is in the cache for
 //! the plots of all its radars. Results are written in the order of the groups.
 
-use super::ahead::Ahead;
-use super::claim::{Around, Claim, Spread, is_near};
-use super::cluster::{Cells, Clusters};
+use super::assignment::ahead::Ahead;
+use super::assignment::claim::{Around, Claim, Spread, is_near};
+use super::assignment::cluster::{Cells, Clusters};
+use super::assignment::groups::{root, sort, unite};
+use super::assignment::share::{Share, Shares, View};
 use super::clutter::{self, Clutter};
-use super::doubles::{self, Doubles, Near, Seconds};
-use super::ended::Ended;
-use super::groups::{root, sort, unite};
+use super::management::ended::Ended;
+use super::management::origins::Origins;
+use super::management::resume::resume;
+use super::management::schedule::Schedule;
+use super::management::sharp::{self, Known};
+use super::management::strays;
 use super::noise::Noise;
-use super::origins::Origins;
+use super::noise::doubles::{self, Doubles, Near, Seconds};
 use super::plot::{Measured, PlotStatus};
-use super::reflections::Reflections;
-use super::resume::resume;
-use super::row::{Row, Rows};
-use super::schedule::Schedule;
+use super::rows::row::{Row, Rows};
 use super::settings::Settings;
-use super::share::{Share, Shares, View};
-use super::sharp::{self, Known};
-use super::strays;
 use super::track::Track;
+use super::track::reflections::Reflections;
 use crate::association::Grid;
 use crate::sensors::Radar;
 

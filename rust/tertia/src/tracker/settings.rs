@@ -1,18 +1,22 @@
 //! Settings of a tracker.
 
-use super::association::Association;
-use super::delay::Delays;
-use super::geometry::Geometry;
-use super::level::Heights;
-use super::mht::Mht;
+pub(super) mod association;
+pub(super) mod mht;
+pub(super) mod plans;
+
+use super::errors::delay::Delays;
+use super::errors::quality::Quality;
 use super::motion::Motion;
-use super::plans::Plans;
 use super::plot::Measured;
-use super::quality::Quality;
+use super::plot::geometry::Geometry;
+use super::plot::level::Heights;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
 use crate::base::exponential::exp;
 use crate::sensors::{Identities, IdentityKind, Radar};
+use association::Association;
+use mht::Mht;
+use plans::Plans;
 use serde::{Deserialize, Serialize};
 
 /// Scan periods for which the guard acceleration is given, s; it is linear between them and

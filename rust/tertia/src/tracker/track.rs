@@ -1,33 +1,41 @@
 //! One track: its filter, its stage, its identities and its plan.
 
-use super::association::{Association, paper_score};
-use super::beams::{Beams, Expected};
+mod beams;
+pub(super) mod correlation;
+mod existence;
+pub(super) mod reflections;
+mod rivals;
+mod suspicion;
+pub(super) mod tree;
+
 use super::clutter::Clutter;
-use super::common::Common;
-use super::correlation::Correlation;
-use super::delay::Delay;
-use super::estimate::Estimate;
-use super::existence::Existence;
+use super::errors::delay::Delay;
 use super::filter::Filter;
-use super::height::Vertical;
-use super::identity::Known;
-use super::lean::Lean;
+use super::filter::plan::Guide;
+use super::filter::prospects::{Prospects, There};
 use super::motion::Motion;
-use super::outliers::Stray;
-use super::plan::Guide;
+use super::motion::estimate::Estimate;
+use super::motion::lean::Lean;
+use super::motion::swerve::Swerve;
+use super::noise::common::Common;
+use super::noise::outliers::Stray;
 use super::plot::{Measured, Source};
-use super::prospects::{Prospects, There};
-use super::rivals::Rivals;
+use super::replies::height::Vertical;
+use super::replies::identity::Known;
+use super::settings::association::{Association, paper_score};
 use super::settings::{Confirmation, Settings};
-use super::suspicion::Suspicion;
-use super::swerve::Swerve;
-use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
 use crate::sensors::Identities;
+use beams::{Beams, Expected};
+use correlation::Correlation;
+use existence::Existence;
 use nalgebra::{SMatrix, SVector};
+use rivals::Rivals;
 use serde::{Deserialize, Serialize};
+use suspicion::Suspicion;
+use tree::Tree;
 
 mod agile;
 mod basis;

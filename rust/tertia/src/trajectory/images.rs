@@ -1,14 +1,14 @@
 //! Choice between two paths that are mirror images.
 
-use super::bias::weights;
-use super::failure::Failure;
-use super::fixes::Fixes;
-use super::found::{Found, Setting};
-use super::instant::Instant;
+use super::instants::fixes::Fixes;
+use super::instants::instant::Instant;
 use super::measured::{Measured, Record};
 use super::mirror::{ABOVE, AMBIGUOUS, Mirror};
-use super::prior::Systematic;
-use super::survey;
+use super::path::failure::Failure;
+use super::search::found::{Found, Setting};
+use super::systematic::bias::weights;
+use super::systematic::prior::Systematic;
+use super::systematic::survey;
 use crate::base::angle::median;
 use crate::location::Status;
 use crate::sensors::KINDS;

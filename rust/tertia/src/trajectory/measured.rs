@@ -332,3 +332,23 @@ pub(super) fn seen(record: &Record<'_>, biased: &[usize]) -> Vec<usize> {
     let all = biased.iter().flat_map(|kind| kind * k..(kind + 1) * k);
     all.filter(|at| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan())).collect()
 }
+
+/// Returns the jerk that bends a path, in the time of the record, by about the distance between the stations;
+/// none if the stations are at one place.
+pub(super) fn bending<const D: usize>(record: &Record<'_>) -> Option<f64> {
+    let square = extent::<D>(record).powi(2);
+    let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
+    (jerk > 0.0 && jerk.is_finite()).then_some(jerk)
+}
+
+/// Returns the distance over which the stations are spread.
+pub(super) fn extent<const D: usize>(record: &Record<'_>) -> f64 {
+    let spread = |axis: usize| {
+        let own = record.stations.iter().skip(axis).step_by(D);
+        let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(*value), high.max(*value))
+        });
+        (high - low).powi(2)
+    };
+    (0..D).map(spread).sum::<f64>().sqrt()
+}

@@ -10,8 +10,8 @@
 //! variance V, derivatives are those at the distance `√(h² + V)`: with the information `(h² + V)/s²` about h,
 //! the variance is `V = s` at h = 0, where that of the density `exp(−h⁴/8s²)` is .96 s.
 
-use super::failure::Failure;
 use super::measured::{Place, Record};
+use super::path::failure::Failure;
 use super::path::{Path, Plots};
 use crate::base::small::{Matrix, Vector, add_multiple, add_outer, dot, quadratic};
 use crate::sensors::{KINDS, Kind};

@@ -1,6 +1,8 @@
 //! Smoothed positions over time: by the quick smoother where it is accurate, else by the general one.
 
-use super::failure::Failure;
+pub(super) mod failure;
+pub(super) mod series;
+
 use crate::base::error::Error;
 use crate::base::interrupt::poll;
 use crate::base::small::{Matrix, Vector};
@@ -9,6 +11,7 @@ use crate::smoothing::{
     Family, Noise, Part, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace,
     add_unresolved, likeliest, likeliest_of, likeliest_part, likelihood, relative_error, smooth,
 };
+use failure::Failure;
 use nalgebra::DMatrix;
 
 /// Ratio of a variance to the variance that remains with later instants, beyond which the quick smoother is

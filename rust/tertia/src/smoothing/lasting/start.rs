@@ -5,8 +5,8 @@ use super::super::motion::ProcessNoise;
 use super::super::rows::invert;
 use super::super::seen::ENOUGH;
 use super::super::track::Track;
-use super::away::axes;
 use crate::base::small::Matrix as Square;
+use crate::smoothing::away::axes;
 
 /// Variance of the first state relative to that given by the plots that determine it.
 pub(super) const VAGUE: f64 = 1e3;

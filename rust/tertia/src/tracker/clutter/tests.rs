@@ -1,6 +1,6 @@
 //! Tests of the density of false plots.
 
-use super::super::tally::FEWEST;
+use super::super::clutter::tally::FEWEST;
 use super::*;
 use crate::base::checks::assert_within;
 use crate::sensors::{Channel, Detection, Identities, radar_of};

@@ -1,6 +1,6 @@
 //! Commands of a controller, and what the tracker shows besides rows.
 
-use super::super::control::{Command, Refusal};
+use super::super::live::control::{Command, Refusal};
 use super::super::plot::PlotStatus;
 use super::{BEFORE_ALL, LagTracker};
 use std::collections::VecDeque;

@@ -1,9 +1,9 @@
 //! Judges the times of plots that come live, and starts anew if time goes on from earlier ones.
 
-use super::super::clock::{Clock, ClockDoubt, Limits, Verdict};
-use super::super::ended::Ended;
+use super::super::management::ended::Ended;
+use super::super::plot::clock::{Clock, ClockDoubt, Limits, Verdict};
 use super::super::plot::{Plot, Plots};
-use super::super::row::Rows;
+use super::super::rows::row::Rows;
 use super::{BEFORE_ALL, LagTracker};
 use std::collections::VecDeque;
 use std::num::NonZero;

@@ -1,7 +1,7 @@
 //! Results of a call: the rows, and the track of each plot.
 
 use crate::tracker::plot::PlotStatus;
-use crate::tracker::row::{Resumed, Row, Rows};
+use crate::tracker::rows::row::{Resumed, Row, Rows};
 
 /// Collects rows, tracks that were resumed, and the tracks of the plots that were given in the present call.
 pub(super) struct Sink<'a> {

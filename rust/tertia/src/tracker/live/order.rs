@@ -1,6 +1,6 @@
 //! The plots of a call that can be used.
 
-use super::super::copies::print;
+use super::super::noise::copies::print;
 use super::super::plot::{Plot, PlotStatus, Plots, keep_followed};
 use super::Tracker;
 

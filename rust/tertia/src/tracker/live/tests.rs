@@ -1,7 +1,7 @@
 use super::*;
 use crate::base::interrupt::Flag;
 use crate::sensors::{Identities, radar_of};
-use crate::tracker::row::Row;
+use crate::tracker::rows::row::Row;
 use crate::tracker::{Motion, Plot};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 

@@ -9,7 +9,7 @@ use super::mixture::State;
 use super::two_filter::{Models, exponential};
 use crate::base::exponential::exp;
 use crate::base::small::{Matrix, Vector};
-use crate::tracker::kinematics::Arc;
+use crate::tracker::motion::kinematics::Arc;
 use crate::tracker::motion::{ImmModel, Motion};
 
 /// Number of states: east, north, their velocities, and the model's own.

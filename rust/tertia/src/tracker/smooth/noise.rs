@@ -1,9 +1,9 @@
 //! Covariances of the plots of tracks with the noise that the plots themselves show.
 
 use crate::base::plane::Plane;
-use crate::tracker::common::Common;
-use crate::tracker::individual::Individual;
+use crate::tracker::noise::common::Common;
 use crate::tracker::noise::{Noise, SMOOTHING};
+use crate::tracker::plot::individual::Individual;
 use crate::tracker::plot::{Measured, Source};
 use crate::tracker::settings::Settings;
 use std::collections::HashMap;

@@ -4,7 +4,7 @@
 //! rate to those of the velocity.
 
 use super::flight::{SmoothedRow, TrackPlot};
-use crate::tracker::agility::rate_of_misfit;
+use crate::tracker::motion::agility::rate_of_misfit;
 
 /// Plots before and after an instant over which squared normalised innovations are averaged, and least number.
 const BESIDE: usize = 12;

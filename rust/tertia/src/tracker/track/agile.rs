@@ -2,7 +2,7 @@
 
 use super::Track;
 use crate::base::plane::Plane;
-use crate::tracker::estimate::Estimate;
+use crate::tracker::motion::estimate::Estimate;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 

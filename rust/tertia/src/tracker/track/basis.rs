@@ -2,11 +2,11 @@
 //! for each.
 
 use super::{Stage, Track};
+use crate::tracker::clutter::weighed::Weighed;
 use crate::tracker::clutter::{Clutter, Held};
 use crate::tracker::noise::Noise;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::{Confirmation, Settings};
-use crate::tracker::weighed::Weighed;
 use serde::{Deserialize, Serialize};
 
 /// The plots of a tentative track, once there are two of them.

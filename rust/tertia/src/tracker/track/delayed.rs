@@ -3,9 +3,9 @@
 use super::Track;
 use super::levelled::Here;
 use crate::base::plane::Plane;
-use crate::tracker::delay::Delay;
-use crate::tracker::estimate::Estimate;
-use crate::tracker::lean::{Lean, along};
+use crate::tracker::errors::delay::Delay;
+use crate::tracker::motion::estimate::Estimate;
+use crate::tracker::motion::lean::{Lean, along};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 

@@ -3,12 +3,12 @@
 
 use super::{Fork, Track};
 use crate::base::plane::Plane;
-use crate::tracker::association::{Association, paper_score};
-use crate::tracker::estimate::Estimate;
 use crate::tracker::motion::Motion;
-use crate::tracker::outliers::{Outliers, Stray};
+use crate::tracker::motion::estimate::Estimate;
+use crate::tracker::noise::outliers::{Outliers, Stray};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
+use crate::tracker::settings::association::{Association, paper_score};
 
 /// Probability that a target accelerates so strongly that the guard gate is needed.
 const UNNOTICED: f64 = 0.05;

@@ -1,10 +1,10 @@
 //! A track and the height of its target: where a plot lies at this height, and what the plot says
 //! about the height.
 
-use super::super::estimate::Estimate;
-use super::super::height::Vertical;
-use super::super::lean::{Lean, along};
+use super::super::motion::estimate::Estimate;
+use super::super::motion::lean::{Lean, along};
 use super::super::plot::{Measured, Source};
+use super::super::replies::height::Vertical;
 use super::super::settings::Settings;
 use super::Track;
 use crate::base::plane::Plane;

@@ -1,19 +1,19 @@
 //! Confirmation and end of a track, plots that it refuses, and continuation of an older track of the same
 //! target.
 
-use super::super::correlation::contradicts;
-use super::super::estimate::VELOCITY;
 use super::super::filter::Filter;
+use super::super::filter::prospects::Expected;
+use super::super::motion::estimate::VELOCITY;
 use super::super::plot::Measured;
-use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
+use super::super::track::correlation::contradicts;
 use super::{EMERGENCY_AFTER, Stage, Track};
 use crate::base::distribution::normal_two_sided;
 use crate::base::plane::Plane;
 use crate::flightplan::Status;
 use crate::sensors::Identities;
 use crate::tracker::motion::Motion;
-use crate::tracker::tree::Leaf;
+use crate::tracker::track::tree::Leaf;
 
 /// Odds of a target below which a confirmed track ends, and the scans without a plot after which a track that
 /// was confirmed by its existence may end: several missed detections in succession may have one cause.

@@ -2,8 +2,8 @@
 
 use super::Track;
 use crate::base::plane::Plane;
+use crate::tracker::filter::resolution::Separation;
 use crate::tracker::plot::Measured;
-use crate::tracker::resolution::Separation;
 use crate::tracker::settings::Settings;
 
 /// Moves a common plot of two tracks to their time; returns its position and its noise.

@@ -2,13 +2,13 @@
 
 use super::Track;
 use crate::base::exponential::exp;
-use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
-use crate::tracker::kinematics;
+use crate::tracker::filter::prospects::{Expected, Prospects};
+use crate::tracker::motion::estimate::Estimate;
+use crate::tracker::motion::kinematics;
+use crate::tracker::motion::velocities::Velocities;
 use crate::tracker::plot::{Measured, Moving, Source};
-use crate::tracker::prospects::{Expected, Prospects};
 use crate::tracker::settings::Settings;
-use crate::tracker::velocities::Velocities;
 
 impl Settings {
     fn velocities(&self) -> Velocities {

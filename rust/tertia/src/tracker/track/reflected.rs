@@ -3,7 +3,7 @@
 use super::{Stage, Track};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
-use crate::tracker::suspicion::{Reflection, Suspicion};
+use crate::tracker::track::suspicion::{Reflection, Suspicion};
 
 impl Track {
     /// Number of plots so far; none once the track is confirmed.

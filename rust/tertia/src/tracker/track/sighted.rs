@@ -2,8 +2,8 @@
 
 use super::Track;
 use crate::base::plane::Plane;
+use crate::tracker::filter::sight::{Equation, Sight, When};
 use crate::tracker::settings::Settings;
-use crate::tracker::sight::{Equation, Sight, When};
 
 /// Largest error of a position, as a share of its distance, at which the azimuth is linear in the
 /// position.

@@ -2,7 +2,7 @@
 
 use super::Track;
 use crate::tracker::settings::Settings;
-use crate::tracker::tree::{Branch, Leaf, Tree};
+use crate::tracker::track::tree::{Branch, Leaf, Tree};
 
 impl Track {
     /// The branches of all states, the shown one first; empty if there is only one state.

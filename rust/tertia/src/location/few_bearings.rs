@@ -1,0 +1,5 @@
+//! Two to four bearings: the density of positions, and how concentrated the bearings are.
+
+pub(super) mod concentration;
+pub(super) mod posterior;
+mod quadtree;
