@@ -13,7 +13,9 @@ from tertia.flightplan import FlightPlan
 from tertia.tracker import PlanModel, Plots, TrackTable, track
 
 RADAR = simulate.set_up("middle").radar
-PERIOD, FAR = RADAR.scan_period, 220e3
+PERIOD, FAR = RADAR.scan_period, RADAR.max_range
+# targets appear within this distance, as the waypoints of the routes lie, m
+NEAR = 200e3
 PLANS, TARGETS, SCANS, BEFORE = 40, 20, 60, 15
 # how flights deviate from their plans: s, m, m/s
 LATE, ASIDE, FASTER = 120.0, 300.0, 15.0
@@ -57,13 +59,13 @@ def elsewhere(begin: float, times: FloatArray, rng: np.random.Generator) -> Floa
     course = rng.uniform(0, 2 * np.pi)
     velocity = rng.uniform(160.0, 200.0) * np.array([np.sin(course), np.cos(course)])
     return np.asarray(
-        anywhere(1, rng) + (times - begin)[:, np.newaxis] * velocity, dtype=np.float64
+        anywhere(1, NEAR, rng) + (times - begin)[:, np.newaxis] * velocity, dtype=np.float64
     )
 
 
-def anywhere(count: int, rng: np.random.Generator) -> FloatArray:
-    """Return places in the range of the radar."""
-    distance, azimuth = FAR * np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
+def anywhere(count: int, far: float, rng: np.random.Generator) -> FloatArray:
+    """Return places within a distance of the radar."""
+    distance, azimuth = far * np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
     away = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     return np.asarray(distance[:, np.newaxis] * away, dtype=np.float64)
 
@@ -109,7 +111,7 @@ def scene(false_plots: float, scans: int, targets: int, routed: bool, seed: list
         of.append(np.full(seen.sum(), target))
     count = rng.poisson(false_plots * scans)
     times.append((PERIOD * rng.integers(0, scans, count)).astype(np.float64))
-    clutter = on_routes(plans, count, rng) if routed else anywhere(count, rng)
+    clutter = on_routes(plans, count, rng) if routed else anywhere(count, FAR, rng)
     places.append(clutter)
     of.append(np.full(count, -1))
     position, target_of = np.concatenate(places), np.concatenate(of)
@@ -163,7 +165,7 @@ def false_tracks() -> str:
     rows = []
     scans = repetitions(200, 80)
     for routed in (False, True):
-        for false_plots, full in ((20, 6), (100, 4)):
+        for false_plots, full in ((20, 25), (100, 25)):
             count, runs = np.zeros(2, dtype=int), repetitions(full, 1)
             for trial in range(runs):
                 one = scene(false_plots, scans, 0, routed, [7, int(routed), false_plots, trial])
