@@ -17,11 +17,11 @@ from tertia.metrics import audit as audit_errors
 from tertia.metrics._indicator import share_text
 from tertia.tables._audit_truth import bridged, nearest_rows, targets, velocity_of
 from tertia.tables._frames import Table, names, result
-from tertia.tables._groups import as_names, column_name, layout, split_unit
+from tertia.tables._groups import as_names, column_name, layout, split_unit, symmetric
 from tertia.tables._parts import ColumnError, RecordError, Source, source_of
 from tertia.tables._records import Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
-from tertia.tables._times import Clock, kind_of_times
+from tertia.tables._times import Clock, common_clock
 
 _TURN = 360.0
 # if the truth has no velocity for more than this share of the estimates, no time offset is
@@ -403,16 +403,9 @@ def _versus(
             raise ColumnError(f"{table} must have a column time_s", column="time_s")
         if one.rows["time"].null_count():
             raise RecordError(f"{table} must have a time_s in every row", column="time_s")
-    times = [records.rows["time"], there.rows["time"]]
-    kinds = [kind_of_times(one) for one in times]
-    if kinds[0] != kinds[1]:
-        raise RecordError(
-            f"time_s holds {kinds[0]} in the estimates and {kinds[1]} in the truth; they must be "
-            "of one kind",
-            column="time_s",
-        )
-    both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
-    clock = Clock.of(both["time"])
+    clock = common_clock(
+        [("the estimates", records.rows["time"]), ("the truth", there.rows["time"])]
+    )
     place, true_place, frame = _common_places(records, there, origin)
     axes = place.shape[1] if frame is None else 2
     known_truth = np.isfinite(true_place).all(axis=1)
@@ -526,12 +519,11 @@ def _covariance(records: Records, axes: int) -> FloatArray:
             "position_sigma_m",
             column=f"{AXES[0]}_sigma_m",
         )
-    matrices = np.zeros((rows.height, axes, axes))
-    for i, axis in enumerate(AXES[:axes]):
-        name = f"{axis}_sigma_m"
-        column = name if name in records.column else "position_sigma_m"
-        matrices[:, i, i] = rows[column].to_numpy() ** 2
-    for (i, j), both in covariance_names(axes, axes).items():
-        if both in records.column:
-            matrices[:, i, j] = matrices[:, j, i] = rows[both].to_numpy()
-    return matrices
+    names = [f"{axis}_sigma_m" for axis in AXES[:axes]]
+    sigmas = [name if name in records.column else "position_sigma_m" for name in names]
+    between = {
+        pair: rows[both].to_numpy()
+        for pair, both in covariance_names(axes, axes).items()
+        if both in records.column
+    }
+    return symmetric(np.column_stack([rows[name].to_numpy() for name in sigmas]), between)

@@ -17,7 +17,7 @@ from tertia.location._conventions import CONVENTIONS, Convention
 from tertia.sensors import Bias, ByKind, Station
 from tertia.tables._doubts import doubt
 from tertia.tables._heights import given_heights
-from tertia.tables._measurements import Target, taken
+from tertia.tables._measurements import Target
 
 # instants and targets that are tried, those with most measurements
 _INSTANTS, _TARGETS = 200, 50
@@ -104,19 +104,18 @@ def _trials(targets: Sequence[Target], options: Mapping[str, Any]) -> list[_Tria
     for target in targets[:_TARGETS]:
         if left <= 0:
             break
-        sigmas = target.all_sigmas(target.sensors, optional=True)
+        sigmas = target.all_sigmas(optional=True)
         if not sigmas:
             continue
         count = sum(np.isfinite(values).sum(axis=1) for values in target.values.values())
         steps = np.sort(np.argsort(-np.asarray(count), kind="stable")[:left])
         left -= len(steps)
         measured = {name: values[steps] for name, values in target.measured().items()}
-        own = {f"{kind}_sigma": taken(kind, one)[steps] for kind, one in sigmas.items()}
         stations = [_at(one, steps) for one in target.sensors.items]
         tried = {name: options[name] for name in _TRIED if name in options}
-        found.append(
-            _Trial(stations, measured, {**tried, **own, **_heights(target, steps, options)})
-        )
+        tried |= {f"{kind}_sigma": one[steps] for kind, one in sigmas.items()}
+        tried |= _heights(target, steps, options)
+        found.append(_Trial(stations, measured, tried))
     return found
 
 

@@ -23,11 +23,11 @@ from tertia.metrics._evaluation import (
 )
 from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import known
+from tertia.tables._groups import known, symmetric
 from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._records import IDENTITIES, TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
-from tertia.tables._times import Clock, kind_of_times
+from tertia.tables._times import Clock, common_clock
 
 # in metres; targets are not tracked at this distance from the origin
 _FAR = 1e6
@@ -158,19 +158,11 @@ def evaluation_of(
     if interval is not None:
         interval = positive_number(interval, "update_interval")
     shown, real_places = read(tracks, TRACKS, columns=columns), _read_truth(truth)
-    times = [shown.rows["time"], real_places.rows["time"]]
-    kinds = [kind_of_times(one) for one in times]
-    if kinds[0] != kinds[1]:
-        one, two = tracks[0].called, truth[0].called
-        reason = (
-            f"time_s holds {kinds[0]} in {one} and {kinds[1]} in {two}; both must be of one kind"
-        )
-        raise RecordError(reason, column="time_s")
-    both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
-    clock = Clock.of(both["time"])
+    one, two = tracks[0].called, truth[0].called
+    times = shown.rows["time"], real_places.rows["time"]
+    clock = common_clock([(one, times[0]), (two, times[1])])
     seconds = [clock.seconds(one) for one in times]
     if all(map(len, seconds)) and max(map(np.min, seconds)) > min(map(np.max, seconds)):
-        one, two = tracks[0].called, truth[0].called
         raise RecordError(f"the times of {one} and those of {two} do not overlap", column="time_s")
     rows = _rows(shown, clock)
     usual = [period for period in usual_periods(rows) if period > 0.0]
@@ -249,13 +241,11 @@ def _truth(
     else:
         positions = _in_the_plane(rows, records.source, origin)
     kept, names = new.to_numpy(), rows["target"].to_numpy().astype(str)
-    sigma = rows.select(_SPREAD[:2]).to_numpy()[kept]
-    covariance = np.nan_to_num(sigma)[:, :, np.newaxis] ** 2 * np.eye(2)
     return Truth(
         clock.seconds(rows["time"])[kept],
         names[kept],
         positions[kept],
-        covariance=covariance,
+        covariance=symmetric(np.nan_to_num(rows.select(_SPREAD[:2]).to_numpy()[kept]), {}),
         height=rows[GEODETIC[2]].to_numpy()[kept],
         # addresses of the truth are not compared with codes of the tracks
         identity=rows["identity"].to_numpy()[kept]
@@ -315,8 +305,8 @@ def _rows(records: Records, clock: Clock) -> Rows:
         velocity = np.nan_to_num(rows.select(_VELOCITY).to_numpy())
     covariance = None
     if set(_SPREAD) <= set(there):
-        east, north, both = rows.select(_SPREAD).to_numpy().T
-        covariance = np.stack([east**2, both, both, north**2], axis=-1).reshape(-1, 2, 2)[sure]
+        between = {(0, 1): rows[_SPREAD[2]].to_numpy()}
+        covariance = symmetric(rows.select(_SPREAD[:2]).to_numpy(), between)[sure]
     return Rows(
         clock.seconds(rows["time"])[sure],
         _numbers(rows["track"])[sure],

@@ -15,7 +15,7 @@ from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
 from tertia.tables._described import SensorsLike, sensors_of
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import known
+from tertia.tables._groups import known, named, symmetric
 from tertia.tables._identities import (
     IDENTIFIED,
     identities_in,
@@ -26,7 +26,7 @@ from tertia.tables._parts import Source, source_of
 from tertia.tables._records import SENSOR, TIME, Field, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
-from tertia.tables._track import COVARIANCES, movement, state_columns
+from tertia.tables._track import COVARIANCES, state_columns
 from tertia.tables._velocities import doubt_velocities
 from tertia.tertiary import SensorTracks, SystemTracks
 
@@ -62,22 +62,15 @@ class Fused:
     def rows(self) -> pl.DataFrame:
         """A table with one row for each target and cycle; unknown values are null."""
         found = self.picture
-        course, speed = movement(found, self.sensors)
         members = {
-            f"track_{name}": pl.Series(
-                np.array([*self.names, None], dtype=object)[found.members[:, k]].tolist(),
-                dtype=pl.String,
-            )
+            f"track_{name}": named(found.members[:, k], self.names)
             for k, name in enumerate(self.sensors.names)
         }
         return pl.DataFrame(
             {
                 "time_s": self.clock.moments(found.time),
                 "track": found.track,
-                **state_columns(found),
-                **self.sensors.geodetic(found.position, found.height),
-                "course_deg": np.degrees(course) % 360.0,
-                "speed_m_s": speed,
+                **state_columns(found, self.sensors),
                 "height_m": known(found.height),
                 **identity_columns(found, self.identities),
                 "pvalue": known(found.pvalue),
@@ -194,11 +187,9 @@ def fused_tracks(
 
 def _covariances(rows: pl.DataFrame) -> FloatArray:
     """Return covariances, (N, 4, 4), nan if unknown; without covariances they are diagonal."""
-    covariance = np.empty((rows.height, 4, 4))
-    for i, name in enumerate(_SIGMAS):
-        covariance[:, i, i] = rows[name].to_numpy() ** 2
-    for (i, j), name in COVARIANCES.items():
-        covariance[:, i, j] = covariance[:, j, i] = rows[name].to_numpy()
+    sigmas = rows.select(_SIGMAS).to_numpy()
+    between = {pair: rows[name].to_numpy() for pair, name in COVARIANCES.items()}
+    covariance = symmetric(sigmas, between)
     beside = ~np.eye(4, dtype=bool)
     alone = np.all(np.isnan(covariance[:, beside]), axis=1)
     covariance[alone[:, np.newaxis, np.newaxis] & beside] = 0.0

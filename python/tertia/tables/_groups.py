@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from tertia._arrays import BoolArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 
 Found = TypeVar("Found")
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -106,6 +106,16 @@ def known(values: npt.ArrayLike, there: BoolArray | None = None) -> pl.Series:
     array = np.asarray(values)
     absent = ~np.isfinite(array) if there is None else ~np.asarray(there)
     return pl.Series(array).set(pl.Series(absent), None)
+
+
+def symmetric(sigmas: FloatArray, between: Mapping[tuple[int, int], FloatArray]) -> FloatArray:
+    """Return covariances, (N, m, m), from sigmas, (N, m), and covariances of pairs, (N,) each."""
+    count, width = sigmas.shape
+    found = np.zeros((count, width, width))
+    found[:, range(width), range(width)] = sigmas**2
+    for (i, j), values in between.items():
+        found[:, i, j] = found[:, j, i] = values
+    return found
 
 
 def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:

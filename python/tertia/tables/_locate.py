@@ -15,16 +15,14 @@ from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
 from tertia.sensors._kinds import STATION_KINDS
-from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._doubts import doubt
 from tertia.tables._earth import up_at
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import Progress, as_names, beside, known, prefixed
-from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import Target, doubt_instants, each_of, read_targets, taken
-from tertia.tables._parts import RecordError, Source, source_of
+from tertia.tables._groups import Progress, as_names, beside, known
+from tertia.tables._measurements import Target, check_tolerance, doubt_instants, read_targets
+from tertia.tables._parts import Source, source_of
 from tertia.tables._positions import (
     EMISSION,
     PROTECTION_LEVEL,
@@ -33,15 +31,15 @@ from tertia.tables._positions import (
     Positions,
     coordinates,
     covariances,
+    errors_of,
     of_instants,
     of_measurements,
     of_sensors,
     of_singles,
+    positions_of,
     result_names,
 )
 from tertia.tables._sensors import Sensors
-from tertia.tables._station_clocks import doubt_station_clocks
-from tertia.tables._station_times import doubt_station_times
 from tertia.tables._times import Clock
 
 # at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
@@ -223,15 +221,13 @@ def locations_of(
     for target in targets:
         doubt_instants(target)
     _doubt_groups(targets, options)
-    doubt_conventions(targets, options)
-    doubt_station_times(targets)
-    doubt_station_clocks(targets)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
-    located = each_of(
-        progress(targets), lambda one: _locate(one, stations, start, asked, **options)
-    )
-    return Positions(located, stations)
+
+    def estimate(target: Target) -> Located[Location]:
+        return _locate(target, stations, start, asked, **options)
+
+    return positions_of(targets, stations, options, estimate, progress)
 
 
 def _doubt_groups(targets: Sequence[Target], options: Mapping[str, Any]) -> None:
@@ -257,23 +253,18 @@ def _locate(
     asked: tuple[float | None, float | None],
     **how: Any,
 ) -> Located[Location]:
-    if not target.values:
-        raise RecordError(f"{target.name}: there are no measurements")
-    sigmas = target.all_sigmas(target.sensors, optional=True)
+    stated = target.all_sigmas(optional=True)
     # stations without sigmas, which are passed separately
     bare = [replace(one, **_NO_SIGMAS) for one in target.sensors.items]
-    stated = {str(kind): taken(kind, sigma) for kind, sigma in sigmas.items()}
 
     def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Location:
         options = measured | {f"{kind}_sigma": sigma for kind, sigma in sigmas.items()}
         return _at_height(stations.frame, bare, **options, initial=start, **how)
 
-    try:
+    with errors_of(target):
         speed = how.get("propagation_speed", LIGHT)
         found = on_the_earth(solve, target.measured(), stated, target.sensors, speed)
         regions = _regions(found, *asked)
-    except ValueError as error:
-        raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, found.residual, found.outlier, np.atleast_1d(found.success))
     each = measured if target.singles is None else of_singles(target, measured)
     rows = {
@@ -285,14 +276,8 @@ def _locate(
         **regions,
         **of_instants(target, measured, found, np.atleast_1d(found.success)),
     }
-    return Located(
-        target,
-        found,
-        found,
-        each,
-        beside(target.keys, pl.DataFrame(rows)),
-        of_sensors(target, each),
-    )
+    table = beside(target.keys, pl.DataFrame(rows))
+    return Located(target, found, found, each, table, of_sensors(target, each))
 
 
 def _at_height(

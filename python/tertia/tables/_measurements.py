@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 import polars as pl
 
-from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray, real
 from tertia.location._conventions import CONTRADICTION
 from tertia.location._readers import NOISE
 from tertia.sensors import Kind, Station
@@ -20,7 +20,6 @@ from tertia.tables._doubts import doubt, doubt_differences, doubt_ranges, doubt_
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._heights import SCHEMA as HEIGHTS
 from tertia.tables._heights import heights_of
-from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import own_names
 from tertia.tables._parts import ColumnError, Part, RecordError, Source
@@ -95,21 +94,18 @@ class Target:
 
     def measured(self) -> dict[str, FloatArray]:
         """Return the measurements in the form of arguments of `locate` and `reconstruct`."""
-        return {str(kind): taken(kind, values) for kind, values in self.values.items()}
+        return {str(kind): _taken(kind, values) for kind, values in self.values.items()}
 
-    def all_sigmas(
-        self, sensors: Sensors[Station], *, optional: bool = False
-    ) -> dict[Kind, FloatArray]:
-        """Return the sigma of each measurement, (N, K), or that of its station if it has none.
+    def all_sigmas(self, *, optional: bool = False) -> dict[str, FloatArray]:
+        """Return the sigmas of the measurements in this form; those of stations if rows have none.
 
-        If `optional` is true, return None if only one kind was measured and no sigma is stated for
+        If `optional` is true, return none if only one kind was measured and no sigma is stated for
         it.
         """
-        found = {}
+        found, sensors = {}, self.sensors
         for kind, values in self.values.items():
-            stated = np.where(
-                np.isnan(self.sigmas[kind]), _stated(sensors, kind), self.sigmas[kind]
-            )
+            own = self.sigmas[kind]
+            stated = np.where(np.isnan(own), _stated(sensors, kind), own)
             missing = ~np.isnan(values) & np.isnan(stated)
             if optional and len(self.values) == 1 and not np.any(~np.isnan(values) & ~missing):
                 return {}
@@ -117,11 +113,12 @@ class Target:
                 name = sensors.names[int(np.flatnonzero(missing.any(axis=0))[0])]
                 raise sensors.error(f"{name} has no {SIGMAS[kind]}, but measures {kind}")
             # any positive number is accepted where there is no measurement
-            found[kind] = np.where(np.isnan(stated), np.nanmin(stated), stated)
+            every = np.where(np.isnan(stated), np.nanmin(stated), stated)
+            found[str(kind)] = _taken(kind, every)
         return found
 
 
-def taken(kind: Kind, array: FloatArray) -> FloatArray:
+def _taken(kind: Kind, array: FloatArray) -> FloatArray:
     """Return the columns of the stations; the first station has no range difference."""
     return array[:, 1:] if kind == "range_difference" else array
 
@@ -259,18 +256,18 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
     kinds = ", ".join(UNITS)
     records.refuse(wrong, f"kind is {{kind!r}}; it must be one of {kinds}", "kind")
     doubt_unit("azimuth_deg", long.filter(pl.col("kind") == "azimuth")["value"])
-    parts = [long.select(*place, "kind", "value", "sigma")]
-    if "kind" not in records.column or "value" not in records.column:
-        parts = []
-    else:
-        rows = rows.filter(pl.col("kind").is_null())
+    parts, one_each = [], rows
+    if "kind" in records.column and "value" in records.column:
+        parts = [long.select(*place, "kind", "value", "sigma")]
+        one_each = rows.filter(pl.col("kind").is_null())
     for kind in UNITS:
         cells = pl.lit(str(kind)).alias("kind"), pl.col(kind).alias("value")
-        parts.append(rows.select(*place, *cells, pl.col(f"{kind}_sigma").alias("sigma")))
+        parts.append(one_each.select(*place, *cells, pl.col(f"{kind}_sigma").alias("sigma")))
     measured = pl.concat(parts).filter(pl.col("value").is_not_nan())
-    every = records.rows.with_row_index("record").rename({"sensor": "site"}).select(place)
-    empty = every.join(measured, on="record", how="anti").with_columns(
-        kind=pl.lit(None, pl.String), value=pl.lit(math.nan), sigma=pl.lit(math.nan)
+    empty = (
+        rows.select(place)
+        .join(measured, on="record", how="anti")
+        .with_columns(kind=pl.lit(None, pl.String), value=pl.lit(math.nan), sigma=pl.lit(math.nan))
     )
     return pl.concat([measured, empty]).sort("record", maintain_order=True)
 
@@ -364,7 +361,7 @@ def _target(  # noqa: PLR0917
                 places = local_places(records, rows, sensors)
                 rows, like = apart(rows, places, len(sensors.items))
             rows, singles = combined(rows, group_name(keys), None if moves else sensors)
-        step, times = instants(rows, tolerance)
+        step, times = _instants(rows, tolerance)
         moments = clock.moments(times)
     else:
         times, first, step = np.unique(
@@ -388,16 +385,34 @@ def _target(  # noqa: PLR0917
         for found, name in ((values, "value"), (sigmas, "sigma")):
             found[kind] = np.full((times.size, count), np.nan)
             found[kind][at] = own[name].to_numpy() * unit
+    measured = rows, values, sigmas
     return Target(
-        group_name(keys),
-        keys,
-        moments,
-        times,
-        rows,
-        values,
-        sigmas,
-        sensors,
-        arrivals,
-        singles,
-        heights,
+        group_name(keys), keys, moments, times, *measured, sensors, arrivals, singles, heights
     )
+
+
+def check_tolerance(tolerance: float) -> float:
+    """Return the tolerance in seconds; raise an error if it is below 0."""
+    seconds = real(tolerance, "tolerance")
+    if not seconds >= 0:
+        raise ValueError(f"tolerance is {seconds:g}; it must be at least 0 seconds")
+    return seconds
+
+
+def _instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray]:
+    """Return the instant of each row and the time of each instant; rows are sorted by time.
+
+    An instant ends if the next measurement is later than its first one by more than `tolerance`, or
+    if a sensor measures the same kind again.
+    """
+    time = rows["seconds"].to_numpy()
+    keys = list(zip(rows["site"], rows["kind"], strict=True))
+    step = np.empty(len(time), dtype=np.int64)
+    seen: set[tuple[int, str]] = set()
+    at, first = -1, -np.inf
+    for row, (now, key) in enumerate(zip(time.tolist(), keys, strict=True)):
+        if at < 0 or now - first > tolerance or key in seen:
+            at, first, seen = at + 1, now, set()
+        seen.add(key)
+        step[row] = at
+    return step, np.bincount(step, weights=time) / np.bincount(step)

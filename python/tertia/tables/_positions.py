@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -14,9 +15,13 @@ from tertia._result import AXES, covariance_names
 from tertia.location import Location, LocationStatus
 from tertia.sensors import ByKind, Station
 from tertia.tables._combined import PERIODS, stated_sigmas
-from tertia.tables._groups import beside, known
-from tertia.tables._measurements import UNITS, Target
+from tertia.tables._conventions import doubt_conventions
+from tertia.tables._groups import Progress, beside, known, prefixed
+from tertia.tables._measurements import UNITS, Target, each_of
+from tertia.tables._parts import RecordError
 from tertia.tables._sensors import GEODETIC, Sensors
+from tertia.tables._station_clocks import doubt_station_clocks
+from tertia.tables._station_times import doubt_station_times
 
 _SUMMARY = (
     "sensor",
@@ -93,6 +98,34 @@ class Positions(Generic[R]):
         )
 
 
+def positions_of(
+    targets: Sequence[Target],
+    stations: Sensors[Station],
+    options: Mapping[str, Any],
+    estimate: Callable[[Target], Located[R]],
+    progress: Progress[Target],
+) -> Positions[R]:
+    """Return the positions of all targets, after warnings about their measurements.
+
+    `options` are those of `locate` or `reconstruct`.
+    """
+    doubt_conventions(targets, options)
+    doubt_station_times(targets)
+    doubt_station_clocks(targets, options.get("bias"))
+    return Positions(each_of(progress(targets), estimate), stations)
+
+
+@contextmanager
+def errors_of(target: Target) -> Iterator[None]:
+    """Raise errors about the measurements of a target, or that there are none, with its name."""
+    if not target.values:
+        raise RecordError(f"{target.name}: there are no measurements")
+    try:
+        yield
+    except ValueError as error:
+        raise RecordError(prefixed(target.name, error)) from error
+
+
 def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
     """Return the names of result columns, including those of additional vectors (prefix, unit)."""
     space = np.zeros((0, 3, 3))
@@ -145,16 +178,8 @@ def of_measurements(
         residual[own] = getattr(residuals, kind)[step, site - first]
         outlier[own] = getattr(outliers, kind)[step, site - first]
     decided = judged[target.rows["step"].to_numpy()]
-    return target.rows.select(
-        "step",
-        "site",
-        pl.col("site").replace_strict(dict(enumerate(target.sensors.names))).alias("sensor"),
-        pl.col("time").alias("time_s"),
-        "kind",
-        "value",
-        known(residual).alias("residual"),
-        pl.Series(outlier).set(pl.Series(~decided), None).alias("outlier"),
-    )
+    marks = pl.Series(outlier).set(pl.Series(~decided), None)
+    return _judged(target.rows.with_columns(outlier=marks), target, residual)
 
 
 def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
@@ -176,16 +201,21 @@ def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
         turns = (rows["kind"] == kind).to_numpy()
         apart = np.where(turns, (apart + period / 2) % period - period / 2, apart)
     residual = (apart + rows["away"].to_numpy()) / stated_sigmas(rows, target.sensors)
-    names = dict(enumerate(target.sensors.names))
+    marked = rows.with_columns(pl.col("outlier") | pl.col("whole"), step=pl.lit(0))
+    return _judged(marked, target, residual)
+
+
+def _judged(rows: pl.DataFrame, target: Target, residual: FloatArray) -> pl.DataFrame:
+    """Return the columns of measurements, from rows that have the others, and their residuals."""
     return rows.select(
-        pl.lit(0).alias("step"),
+        "step",
         "site",
-        pl.col("site").replace_strict(names).alias("sensor"),
+        pl.col("site").replace_strict(dict(enumerate(target.sensors.names))).alias("sensor"),
         pl.col("time").alias("time_s"),
         "kind",
         "value",
         known(residual).alias("residual"),
-        pl.col("outlier") | pl.col("whole"),
+        "outlier",
     )
 
 

@@ -12,28 +12,26 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._arrivals import LIGHT
 from tertia.sensors import Kind, Station
-from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import Progress, as_names, beside, known, prefixed
+from tertia.tables._groups import Progress, as_names, beside, known
 from tertia.tables._heights import at_heights, given_heights
-from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import UNITS, Target, each_of, read_targets, taken
+from tertia.tables._measurements import UNITS, Target, check_tolerance, read_targets
 from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     Located,
     Positions,
     coordinates,
     covariances,
+    errors_of,
     of_instants,
     of_measurements,
     of_sensors,
+    positions_of,
     result_names,
 )
 from tertia.tables._sensors import Sensors
-from tertia.tables._station_clocks import doubt_station_clocks
-from tertia.tables._station_times import doubt_station_times
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
@@ -159,27 +157,21 @@ def paths_of(
     alone = options.get("height_sigma") is not None and options.get("height") is None
     if alone and all(one.heights is None for one in targets):
         raise ValueError("height is missing; height and height_sigma belong together")
-    doubt_conventions(targets, options)
-    doubt_station_times(targets)
-    doubt_station_clocks(targets, options.get("bias"))
-    paths = each_of(progress(targets), lambda one: _path(one, stations, options))
-    return Positions(paths, stations)
+
+    def estimate(target: Target) -> Located[Trajectory]:
+        return _path(target, stations, options)
+
+    return positions_of(targets, stations, options, estimate, progress)
 
 
 def _path(
     target: Target, sensors: Sensors[Station], options: Mapping[str, Any]
 ) -> Located[Trajectory]:
-    if not target.values:
-        raise RecordError(f"{target.name}: there are no measurements")
-    stations = target.sensors.items
-    sigmas = {
-        str(kind): taken(kind, sigma) for kind, sigma in target.all_sigmas(target.sensors).items()
-    }
+    stations, stated = target.sensors.items, target.all_sigmas()
 
     def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Trajectory:
         own = {f"{kind}_sigma": _of_stations(target, kind, one) for kind, one in sigmas.items()}
         every = {**options, **measured, **own}
-
         given = given_heights(target.heights, options.get("height"), options.get("height_sigma"))
 
         def path(**heights: Any) -> Trajectory:
@@ -187,20 +179,13 @@ def _path(
 
         return at_heights(path, *given, target.sensors)
 
-    try:
+    with errors_of(target):
         speed = options.get("propagation_speed", LIGHT)
-        found = on_the_earth(solve, target.measured(), sigmas, target.sensors, speed)
-    except ValueError as error:
-        raise RecordError(prefixed(target.name, error)) from error
+        found = on_the_earth(solve, target.measured(), stated, target.sensors, speed)
     judged = of_measurements(target, found.residual, found.outlier, _has_position(found))
-    return Located(
-        target,
-        found,
-        found.fixes,
-        judged,
-        _rows(target, found, judged),
-        _with_bias(of_sensors(target, judged), found, sensors.names),
-    )
+    by_sensor = _with_bias(of_sensors(target, judged), found, sensors.names)
+    rows = _rows(target, found, judged)
+    return Located(target, found, found.fixes, judged, rows, by_sensor)
 
 
 def _has_position(found: Trajectory) -> BoolArray:

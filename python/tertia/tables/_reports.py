@@ -11,6 +11,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.location._height import in_the_plane
 from tertia.sensors import Radar, Station
+from tertia.tables._groups import symmetric
 from tertia.tables._records import Field, Schema, number
 from tertia.tables._sensors import Sensors
 from tertia.tables._velocities import COURSE, of_speed, to_plane, turned
@@ -133,10 +134,8 @@ def _places(frame: LocalFrame | SystemPlane, geodetic: FloatArray) -> tuple[Floa
 
 def _spread(column: dict[str, FloatArray], of: str, reports: BoolArray) -> FloatArray:
     """Return covariances, (N, 2, 2); nan where a sigma is missing."""
-    east, north = column[f"{of}east_sigma"], column[f"{of}north_sigma"]
-    spread = np.empty((len(east), 2, 2))
-    spread[:, 0, 0], spread[:, 1, 1] = east**2, north**2
-    spread[:, 0, 1] = spread[:, 1, 0] = np.nan_to_num(column[f"{of}east_north"])
+    sigmas = np.column_stack([column[f"{of}east_sigma"], column[f"{of}north_sigma"]])
+    spread = symmetric(sigmas, {(0, 1): np.nan_to_num(column[f"{of}east_north"])})
     whole = reports & np.isfinite(spread).all(axis=(1, 2))
     spread[~whole] = np.nan
     return spread

@@ -17,7 +17,15 @@ from tertia._arrays import BoolArray, FloatArray, IntArray, positive_number, rea
 from tertia.geo import SystemPlane
 from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, extended, names
-from tertia.tables._groups import as_names, by_length, column_name, known, layout, split_unit
+from tertia.tables._groups import (
+    as_names,
+    by_length,
+    column_name,
+    known,
+    layout,
+    split_unit,
+    symmetric,
+)
 from tertia.tables._names import hint
 from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._records import TIME, Field, Records, Schema, number, read
@@ -400,12 +408,13 @@ def _covariances(
 
     The matrices `turn` are those from true north to the plane, if sigmas are of true north.
     """
-    found = np.zeros((frame.height, len(sigmas), len(sigmas)))
+    own = np.empty((frame.height, len(sigmas)))
     for k, one in enumerate(sigmas):
-        own = frame[one].to_numpy() if isinstance(one, str) else positive_number(one, argument)
-        found[:, k, k] = own**2
-    for (i, j), name in names.items():
-        found[:, i, j] = found[:, j, i] = np.nan_to_num(frame[name].to_numpy())
+        own[:, k] = (
+            frame[one].to_numpy() if isinstance(one, str) else positive_number(one, argument)
+        )
+    between = {pair: np.nan_to_num(frame[name].to_numpy()) for pair, name in names.items()}
+    found = symmetric(own, between)
     return found if turn is None else turned(turn, found)
 
 

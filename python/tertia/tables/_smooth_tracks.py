@@ -16,7 +16,7 @@ from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._identities import identity_columns
 from tertia.tables._parts import source_of
-from tertia.tables._track import Recording, movement, recording_of, state_columns, tracks_of
+from tertia.tables._track import Recording, recording_of, state_columns, tracks_of
 from tertia.tracker import (
     Longitudinal,
     Motion,
@@ -55,7 +55,6 @@ class Smoothing:
     def rows(self) -> pl.DataFrame:
         """The rows of the smoothed tracks, with the columns of files."""
         table, of = self.table, self.recording
-        course, speed = movement(table, of.sensors)
         words = {
             name: pl.Series(getattr(table, name)).replace_strict(
                 dict(called), default=None, return_dtype=pl.String
@@ -69,10 +68,7 @@ class Smoothing:
                 "track": table.track,
                 "sensor": named(table.sensor, of.sensors.names),
                 "plot": of.numbered(table.plot),
-                **state_columns(table),
-                **of.sensors.geodetic(table.position, table.height),
-                "course_deg": np.degrees(course) % 360.0,
-                "speed_m_s": speed,
+                **state_columns(table, of.sensors),
                 "acceleration_m_s2": table.acceleration,
                 "turn_rate_deg_s": np.degrees(table.turn_rate),
                 "turn_probability": table.turn_probability,

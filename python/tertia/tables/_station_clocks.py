@@ -13,7 +13,7 @@ from tertia._arrays import FloatArray
 from tertia.location import locate
 from tertia.sensors import Bias, Kind, Station
 from tertia.tables._doubts import doubt
-from tertia.tables._measurements import Target, taken
+from tertia.tables._measurements import Target
 
 # kinds that one station measures alone, at its own time
 _KINDS: tuple[Kind, ...] = ("range", "azimuth", "elevation")
@@ -86,7 +86,7 @@ def _contradictions(target: Target) -> list[FloatArray]:
     changes per second of the clock of each station, per sigma of the bias of each kind and station,
     and per metre of the coordinates of each station.
     """
-    sigmas = target.all_sigmas(target.sensors, optional=True)
+    sigmas = target.all_sigmas(optional=True)
     kinds = [kind for kind in _KINDS if kind in target.values]
     if not sigmas or not kinds:
         return []
@@ -124,16 +124,14 @@ def _contradictions(target: Target) -> list[FloatArray]:
 
 
 def _located(
-    target: Target, stations: Sequence[Station], sigmas: Mapping[Kind, FloatArray]
+    target: Target, stations: Sequence[Station], sigmas: Mapping[str, FloatArray]
 ) -> FloatArray | None:
     """Return the positions at single instants, (N, D), without heights if only azimuths are known.
 
     Return None if they cannot be located, or if their measurements agree.
     """
     some = slice(None, _INSTANTS)
-    measured: dict[str, Any] = {
-        f"{kind}_sigma": taken(kind, sigma)[some] for kind, sigma in sigmas.items()
-    }
+    measured: dict[str, Any] = {f"{kind}_sigma": sigma[some] for kind, sigma in sigmas.items()}
     measured |= {kind: values[some] for kind, values in target.measured().items()}
     bare = [_moved(one, some) for one in stations]
     with warnings.catch_warnings():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -10,6 +11,7 @@ import polars as pl
 
 from tertia._arrays import FloatArray
 from tertia.tables._marks import without_marks
+from tertia.tables._parts import RecordError
 
 Unit: TypeAlias = Literal["us", "ns"]
 
@@ -174,3 +176,16 @@ class Clock:
         after = np.rint(np.where(there, seconds, 0.0) * self.ticks).astype(np.int64)
         moments: pl.Series = pl.Series(self.origin + after).cast(self.dtype)
         return moments if there.all() else moments.set(pl.Series(~there), None)
+
+
+def common_clock(times: Sequence[tuple[str, pl.Series]]) -> Clock:
+    """Return the clock of two columns `time_s` with the names of their tables, of one kind."""
+    (one, first), (two, second) = times
+    kinds = kind_of_times(first), kind_of_times(second)
+    if kinds[0] != kinds[1]:
+        raise RecordError(
+            f"time_s holds {kinds[0]} in {one} and {kinds[1]} in {two}; both must be of one kind",
+            column="time_s",
+        )
+    both = [each.to_frame("time") for each in (first, second)]
+    return Clock.of(pl.concat(both, how="vertical_relaxed")["time"])

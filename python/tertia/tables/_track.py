@@ -388,17 +388,13 @@ def track_rows(
 ) -> pl.DataFrame:
     """Return the rows of a track table with the columns of files; unknown values are null."""
     followed = table.plan >= 0
-    course, speed = movement(table, sensors)
     return pl.DataFrame(
         {
             "time_s": clock.moments(table.time),
             "track": table.track,
             "sensor": named(table.sensor, sensors.names),
             "plot": known(table.plot, table.plot >= 0),
-            **state_columns(table),
-            **sensors.geodetic(table.position, table.height),
-            "course_deg": np.degrees(course) % 360.0,
-            "speed_m_s": speed,
+            **state_columns(table, sensors),
             "turn_probability": table.turn_probability,
             "speed_change_probability": table.speed_change_probability,
             "association_probability": table.association_probability,
@@ -414,7 +410,7 @@ def track_rows(
     )
 
 
-def movement(
+def _movement(
     table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
 ) -> tuple[FloatArray, FloatArray]:
     """Return courses and speeds; on the earth, corrected for convergence and scale of the plane."""
@@ -426,10 +422,12 @@ def movement(
     return course - convergence, speed / scale
 
 
-def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str, FloatArray]:
-    """Return position and velocity with their covariance, as columns."""
+def state_columns(
+    table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
+) -> dict[str, Any]:
+    """Return position and velocity with their covariance, place, course and speed, as columns."""
     values = np.hstack([table.position, table.velocity])
-    columns = {}
+    columns: dict[str, Any] = {}
     for i, (name, unit) in enumerate(state_names(2, 4)):
         columns[f"{name}_{unit}"] = values[:, i]
         # nan if a target is so far away that its variance is lost to rounding
@@ -437,4 +435,6 @@ def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str
             columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
     for (i, j), name in COVARIANCES.items():
         columns[name] = table.covariance[:, i, j]
-    return columns
+    course, speed = _movement(table, sensors)
+    columns |= sensors.geodetic(table.position, table.height)
+    return columns | {"course_deg": np.degrees(course) % 360.0, "speed_m_s": speed}

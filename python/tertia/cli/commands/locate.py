@@ -193,7 +193,7 @@ def _say_sigma(one: Located[Location]) -> None:
     sigma = np.asarray(one.result.measurement_sigma)
     known = sigma[np.isfinite(sigma)]
     if known.size:
-        stated = one.target.all_sigmas(one.target.sensors, optional=True)
+        stated = one.target.all_sigmas(optional=True)
         how = "as stated, up to a factor that is" if stated else "was not stated:"
         typer.echo(
             f"  sigma of {kind} {how} estimated at each instant, median "
