@@ -15,11 +15,8 @@ from tertia.tables._described import SensorsLike
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._parts import source_of
-from tertia.tables._sensors import radar_rows
+from tertia.tables._sensors import RADAR_BIAS, radar_rows
 from tertia.tables._track import Recording, recording_of
-
-# errors for which a column states whether the plots determine them
-_ERRORS = ("range", "range_gain", "azimuth", "time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ class Registered:
             f"{kind}_noise_factor": known(np.asarray(getattr(found.noise_factor, kind)))
             for kind in ("range", "azimuth")
         }
-        seen = {f"{kind}_observable": found.observable[kind] for kind in _ERRORS}
+        seen = {f"{kind}_observable": found.observable[kind] for kind in RADAR_BIAS}
         return rows.with_columns(**factors, **seen)
 
 

@@ -73,13 +73,16 @@ _POSITION_SENSOR = {
     "detection_probability": (_DETECTION, 1.0),
     "target_extent": ("target_extent_m", 1.0),
 }
-# systematic errors of a sensor: their columns, the columns of their sigmas, and factors
-_BIAS = {
+# systematic errors of radars: their columns, the columns of their sigmas, and factors
+RADAR_BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
     "range_gain": ("range_gain", "range_gain_sigma", 1.0),
     "azimuth": ("azimuth_bias_deg", "azimuth_bias_sigma_deg", math.pi / 180),
     "time": ("time_bias_s", "time_bias_sigma_s", 1.0),
-    "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180),
+}
+# those of all sensors
+_BIAS = RADAR_BIAS | {
+    "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180)
 }
 # those of positions, which are 0 unless they are stated
 _PLACE_BIAS = {
@@ -302,11 +305,10 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     for key, (column, unit) in _RESOLUTION.items():
         sizes = [getattr(one, key) for one in sensors.items]
         columns[column] = [None if size is None else size / unit for size in sizes]
-    for kind, (*pair, unit) in _BIAS.items():
+    for kind, (*pair, unit) in RADAR_BIAS.items():
         for column, name in zip(pair, (kind, f"{kind}_sigma"), strict=True):
             values = [getattr(one.bias, name, None) for one in sensors.items]
-            if kind != "elevation":
-                columns[column] = [None if one is None else one / unit for one in values]
+            columns[column] = [None if one is None else one / unit for one in values]
     return pl.DataFrame(columns)
 
 

@@ -33,7 +33,7 @@ from tertia.tables._plot_conventions import doubt_plot_conventions
 from tertia.tables._plot_doubts import doubt_plots
 from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._reports import MOVING, REPORTED, moving_of, reported_of
-from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, lifted
+from tertia.tables._sensors import GEODETIC, LOCAL, RADAR_BIAS, Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
@@ -60,13 +60,6 @@ REPORTS: Schema = {
 NUMBERED: Schema = {"plot": number("plot", whole=True)}
 # columns of the covariances between position and velocity
 COVARIANCES = covariance_names(2, 4)
-# systematic errors: their columns, units and scales
-_ERRORS = {
-    "range": ("range_bias", "_m", 1.0),
-    "range_gain": ("range_gain", "", 1.0),
-    "azimuth": ("azimuth_bias", "_deg", 180.0 / np.pi),
-    "time": ("time_bias", "_s", 1.0),
-}
 NO_TRACK = (
     "no track was confirmed: each target has too few plots, never leaves its place, or is faster "
     "than"
@@ -141,12 +134,12 @@ class Tracking:
         prior = own_biases(self.recording.sensors.items)
         alike = without_deviation(self.bias, self.recording.sensors.items)
         columns: dict[str, Any] = {"sensor": list(self.recording.sensors.names)}
-        for kind, (name, unit, scale) in _ERRORS.items():
+        for kind, (name, sigma_name, unit) in RADAR_BIAS.items():
             value, sigma = (np.asarray(getattr(self.bias, kind + end)) for end in ("", "_sigma"))
             found = sigma < 0.5 * np.asarray(getattr(prior, f"{kind}_sigma"))
-            columns[f"{name}{unit}"] = known(np.where(found, scale * value, np.nan))
+            columns[name] = known(np.where(found, value / unit, np.nan))
             sigma = np.asarray(getattr(alike, f"{kind}_sigma"))
-            columns[f"{name}_sigma{unit}"] = known(np.where(found, scale * sigma, np.nan))
+            columns[sigma_name] = known(np.where(found, sigma / unit, np.nan))
         return pl.DataFrame(columns)
 
     def summary(self) -> dict[str, Any]:
@@ -355,13 +348,18 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
     )
 
 
-def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options: Any) -> Tracking:
-    """Return the tracks of a recording."""
-    plots, radars = recording.plots, recording.sensors
-    if options.get("clock_period") is not None and recording.clock.dated:
+def refuse_period(clock_period: float | None, clock: Clock) -> None:
+    """Refuse a period of clocks if times are dates."""
+    if clock_period is not None and clock.dated:
         raise ValueError(
             "clock_period can be used only if times are in seconds; these plots have dates"
         )
+
+
+def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options: Any) -> Tracking:
+    """Return the tracks of a recording."""
+    plots, radars = recording.plots, recording.sensors
+    refuse_period(options.get("clock_period"), recording.clock)
     start = time.perf_counter()
     table, bias = tracked(plots, radars.items, plans=plans, **options)
     found = Tracking(recording, plans, table, bias, time.perf_counter() - start)

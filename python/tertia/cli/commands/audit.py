@@ -83,15 +83,13 @@ def audit(
             max_distance=max_distance,
         )
     print_table(found.summary, text=["part", "sigmas"])
-    if output is not None:
-        write.write(found.rows, output)
+    write.write(found.rows, output)
     whole = found.audit
     if whole.missing:
         note(f"{counted(whole.missing, 'estimate')} left out: no true value, or no sigma")
     if whole.time_offset is not None:
         typer.echo(f"times of the truth: {whole.time_offset.verdict}")
-    if plot_file is not None:
-        write.save(plot_file, (7.0, 5.0), lambda figure: plot.audit(whole, ax=figure.subplots()))
+    write.save(plot_file, (7.0, 5.0), lambda figure: plot.audit(whole, ax=figure.subplots()))
     return {
         "verdict": whole.verdict,
         "count": whole.count,

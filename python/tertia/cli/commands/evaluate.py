@@ -66,12 +66,9 @@ def evaluate(
             f"{few} within {max_distance:g} m of a target: do tracks and truth have the same "
             "origin?"
         )
-    if output is not None:
-        write.write(found.rows, output)
-    if targets is not None:
-        write.write(found.targets, targets)
-    if plot_file is not None:
-        write.save(plot_file, (13.0, 7.0), partial(_draw, found.judged))
+    write.write(found.rows, output)
+    write.write(found.targets, targets)
+    write.save(plot_file, (13.0, 7.0), partial(_draw, found.judged))
     return {"figures": found.rows.to_dicts()}
 
 

@@ -104,10 +104,8 @@ def fuse_series(
         middle = np.median(sigmas[np.isfinite(sigmas)]) if np.any(np.isfinite(sigmas)) else math.nan
         steps = counted(one.target.times.size, "step")
         typer.echo(f"{one.target.name or 'fused'}: {steps}, median sigma of {value} {middle:.3g}")
-    if output is not None:
-        write.write(found.rows, output)
-    if plot_file is not None:
-        _draw(found.targets, plot_file, value, period or None)
+    write.write(found.rows, output)
+    _draw(found.targets, plot_file, value, period or None)
     sensors = found.sensors["sensor"].unique()
     if len(sensors) == 1:
         note(f"{sensors[0]} is the only sensor: its plots are filtered, but not fused")
@@ -144,7 +142,9 @@ def _print_fitted(fitted: Sequence[Fitted]) -> None:
     print_table(table, cells, text=["fitted", "from the plots of"])
 
 
-def _draw(fused: Sequence[FusedTarget], path: Path, value: str, period: float | None) -> None:
+def _draw(
+    fused: Sequence[FusedTarget], path: Path | None, value: str, period: float | None
+) -> None:
     """Draw one column of panels per target."""
 
     def draw(one: FusedTarget, figure: "FigureBase") -> None:

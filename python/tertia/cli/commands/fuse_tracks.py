@@ -53,8 +53,7 @@ def fuse_tracks(
         found = fused_tracks(tracks, radars, opt.column_names(column), **options)
     table = found.per_sensor
     print_table(table, text=["sensor"], limited="sensors are shown")
-    if output is not None:
-        write.write(found.rows, output)
+    write.write(found.rows, output)
     sure = found.picture[found.picture.confirmed & ~found.picture.doubtful]
     return {
         "target_count": found.picture.count,

@@ -160,11 +160,10 @@ def locate(
         )
     said = (_say_expected, _say_sigma, positions.say_speed, _say_bias)
     positions.print_all(found, by or [], said, propagation_speed)
-    if output is not None and maps.is_map(output):
+    if maps.is_map(output):
         maps.write(_points(found, by or []), output, "position", shapes.of(found, probability))
     positions.write_tables(found, output, measurements)
-    if plot_file is not None:
-        write.save_groups(found.targets, plot_file, _draw, positions.FIGURE_SIZE)
+    write.save_groups(found.targets, plot_file, _draw, positions.FIGURE_SIZE)
     if not any(np.any(one.result.success) for one in found.targets):
         raise typer.Exit(FAILED)
     return {"sensors": found.sensors.to_dicts()}
@@ -230,8 +229,7 @@ def _draw(one: Located[Location], figure: "FigureBase") -> None:
     target, result = one.target, one.result
     stations = target.sensors.items
     if target.times.size > 1 or not np.all(result.success):
-        panels = plot.trajectory(stations, result, time=target.moments.to_numpy(), figure=figure)
-        positions.name_panels(panels, one)
+        positions.draw(one, figure)
         return
     # draw the azimuths and ranges from which the only position was estimated
     sites = np.arange(len(stations))

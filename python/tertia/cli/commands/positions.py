@@ -2,17 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 import typer
 
+from tertia import plot
 from tertia._result import counted
 from tertia.cli.files import maps, write
-from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table
+from tertia.cli.terminal.say import WRONG_USAGE, fail, line, note, print_table
 from tertia.location import LIGHT, LocationStatus
 from tertia.tables._positions import Located, Positions, reason
+
+if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
 
 # groups above which sensors are listed once for all of them, and only the first are described
 _MANY_GROUPS = 20
@@ -58,9 +62,7 @@ def print_all(
     )
     if many:
         note(f"sensors of all {len(found.targets)} groups together")
-    origin = found.stations.origin()
-    if origin is not None:
-        typer.echo(origin)
+    line(found.stations.origin())
     _say_groups(found.targets, _say_located, *said)
     if speed != LIGHT and all(one.result.propagation_speed is None for one in found.targets):
         note(
@@ -150,14 +152,17 @@ def _reason(status: int, count: int, there: int) -> str:
 
 def write_tables(found: Positions[Any], output: Path | None, measurements: Path | None) -> None:
     """Write positions, unless the output is a map, and the measurements."""
-    if output is not None and not maps.is_map(output):
+    if not maps.is_map(output):
         write.write(found.rows, output)
-    if measurements is not None:
-        write.write(found.measurements, measurements)
+    write.write(found.measurements, measurements)
 
 
-def name_panels(panels: dict[str, Any], one: Located[Any]) -> None:
-    """Name the target and the times of a picture."""
+def draw(one: Located[Any], figure: "FigureBase") -> None:
+    """Draw the path of a target, or its positions, over time."""
+    target = one.target
+    panels = plot.trajectory(
+        target.sensors.items, one.result, time=target.moments.to_numpy(), figure=figure
+    )
     plan, *others = panels.values()
     plan.set_title(": ".join(filter(None, [one.target.name, plan.get_title()])))
     others[-1].set_xlabel("time_s")

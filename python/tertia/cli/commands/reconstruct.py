@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import typer
 
-from tertia import plot
 from tertia.cli.commands import positions
 from tertia.cli.files import maps, read, write
 from tertia.cli.terminal import options as opt
@@ -18,7 +17,7 @@ from tertia.tables._reconstruct import paths_of
 from tertia.trajectory import Order, Smoother, Spatial, Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
+    pass
 
 EXAMPLES = (
     "tertia reconstruct measurements.csv --sensors stations.toml --output track.csv",
@@ -112,18 +111,10 @@ def reconstruct(
         )
     said = (positions.say_speed, lambda one: _say_motion(one.result), _say_errors)
     positions.print_all(found, by or [], said, propagation_speed)
-    if output is not None and maps.is_map(output):
+    if maps.is_map(output):
         maps.write([_line(one) for one in found.targets], output, "line")
     positions.write_tables(found, output, measurements)
-    if plot_file is not None:
-
-        def draw(one: Located[Trajectory], figure: "FigureBase") -> None:
-            moments = one.target.moments.to_numpy()
-            sensors = one.target.sensors.items
-            panels = plot.trajectory(sensors, one.result, time=moments, figure=figure)
-            positions.name_panels(panels, one)
-
-        write.save_groups(found.targets, plot_file, draw, positions.FIGURE_SIZE)
+    write.save_groups(found.targets, plot_file, positions.draw, positions.FIGURE_SIZE)
     return {"sensors": found.sensors.to_dicts()}
 
 

@@ -7,20 +7,13 @@ import polars as pl
 from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal import options as opt
-from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
+from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._register import Registered, registered
-from tertia.tables._track import recording_of
+from tertia.tables._sensors import RADAR_BIAS
 
 EXAMPLES = (
     "tertia register plots.csv --sensors sensors.toml --output found.csv",
     "tertia track plots.csv --sensors found.csv --output tracks.csv",
-)
-# errors that are shown for each radar: their names, their columns, and the columns of their sigmas
-_SHOWN = (
-    ("range", "range_bias_m", "range_bias_sigma_m"),
-    ("range_gain", "range_gain", "range_gain_sigma"),
-    ("azimuth", "azimuth_bias_deg", "azimuth_bias_sigma_deg"),
-    ("time", "time_bias_s", "time_bias_sigma_s"),
 )
 
 
@@ -42,13 +35,9 @@ def register(
     are subtracted from the plots. For an error that the plots do not determine, the sigma of the
     sensors file or of EUROCONTROL's standard is written.
     """
-    if not files:
-        fail("give files of plots", WRONG_USAGE)
     write.check_suffixes(output)
-    plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots, flat=flat)
-    recording = recording_of(plots, radars, opt.column_names(column))
-    with working(f"Registering {counted(len(radars.items), 'radar')}"):
+    recording = read.recording(files, sensors, opt.column_names(column), flat=flat)
+    with working(f"Registering {counted(len(recording.sensors.items), 'radar')}"):
         found = registered(recording, n_threads, profile=profile, clock_period=clock_period)
     rows = found.rows
     print_table(_shown(found, rows), text=["radar"], limited="radars are shown")
@@ -61,8 +50,7 @@ def register(
             "azimuth errors change with the azimuth; azimuth_bias_sigma_deg contains this, which a "
             "sensors file does not describe"
         )
-    if output is not None:
-        write.write(rows, output)
+    write.write(rows, output)
     changes = [{"radar": name, "time": time} for name, time in found.changes]
     return {"radars": rows.to_dicts(), "changes": changes}
 
@@ -71,7 +59,7 @@ def _shown(found: Registered, rows: pl.DataFrame) -> pl.DataFrame:
     """Return the errors that the plots determine, and the noise."""
     seen = found.registration.observable
     columns: dict[str, pl.Series] = {"radar": rows["name"]}
-    for kind, value, sigma in _SHOWN:
+    for kind, (value, sigma, _) in RADAR_BIAS.items():
         for name in (value, sigma):
             columns[name] = pl.select(pl.when(pl.Series(seen[kind])).then(rows[name])).to_series()
     for name in ("range_noise_factor", "azimuth_noise_factor"):

@@ -24,7 +24,7 @@ from tertia.sensors._identities import NUMBERS, leading
 from tertia.tables._evaluate import truth_of
 from tertia.tables._measurements import read_targets
 from tertia.tables._times import Clock
-from tertia.tables._track import recording_of
+from tertia.tables._track import refuse_period
 
 EXAMPLES = (
     "tertia report plots.csv --sensors sensors.toml --output report.html",
@@ -86,10 +86,7 @@ def report(
         given, clock = _seen(
             files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names
         )
-        if clock_period is not None and clock.dated:
-            raise ValueError(
-                "clock_period can be used only if times are in seconds; these plots have dates"
-            )
+        refuse_period(clock_period, clock)
         given |= {"motion": motion, "profile": profile, "clock_period": clock_period}
         given["limits"] = read_limits(limits)
         given |= {"max_distance": max_distance, "update_interval": update_interval}
@@ -122,11 +119,9 @@ def _seen(
     names: dict[str, str],
 ) -> tuple[dict[str, Any], Clock]:
     """Read plots, radars, plans and truth; return the clock of the plots as well."""
-    plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots, flat=flat)
+    recording = read.recording(files, sensors, names, flat=flat)
+    radars, clock = recording.sensors, recording.clock
     filed = read.read_plans(plans, place, radars)
-    recording = recording_of(plots, radars, names)
-    clock = recording.clock
     if place is None and radars.frame is not None:
         place = radars.frame.latitude, radars.frame.longitude
     given = {

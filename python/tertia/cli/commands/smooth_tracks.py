@@ -10,9 +10,8 @@ from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal import options as opt
 from tertia.cli.terminal.options import option
-from tertia.cli.terminal.say import WRONG_USAGE, fail, note, working
+from tertia.cli.terminal.say import line, note, working
 from tertia.tables._smooth_tracks import Smoothing, smoothing_of
-from tertia.tables._track import recording_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,12 +44,8 @@ def smooth_tracks(
 
     One row per plot, as for tertia track. The output can be used as the truth in tertia evaluate.
     """
-    if not files:
-        fail("give files of plots", WRONG_USAGE)
     write.check_suffixes(output, plot_file)
-    plots = read.plots(*files)
-    radars = read.read_radars(sensors, plots, flat=flat)
-    recording = recording_of(plots, radars, opt.column_names(column))
+    recording = read.recording(files, sensors, opt.column_names(column), flat=flat)
     with working(f"Smoothing the tracks of {counted(len(recording.plots), 'plot')}"):
         found = smoothing_of(
             recording,
@@ -62,17 +57,13 @@ def smooth_tracks(
         )
     summary = found.summary()
     _say(found, summary)
-    if output is not None:
-        write.write(found.rows, output)
-    if plot_file is not None:
-        write.save(plot_file, _FIGURE_SIZE, partial(_draw, found))
+    write.write(found.rows, output)
+    write.save(plot_file, _FIGURE_SIZE, partial(_draw, found))
     return summary
 
 
 def _say(found: Smoothing, summary: dict[str, Any]) -> None:
-    origin = found.recording.sensors.origin()
-    if origin is not None:
-        typer.echo(origin)
+    line(found.recording.sensors.origin())
     typer.echo(
         f"{counted(summary['track_count'], 'track')}, {counted(summary['row_count'], 'row')}, "
         f"{summary['turn_share']:.1%} of them in a turn"

@@ -13,7 +13,7 @@ from tertia.cli.commands.control import Control
 from tertia.cli.files import maps, read, write
 from tertia.cli.terminal import options as opt
 from tertia.cli.terminal.options import option
-from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
+from tertia.cli.terminal.say import WRONG_USAGE, fail, line, note, print_table, working
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of
@@ -202,14 +202,13 @@ def track(
     print_table(tracking.sensors, text=["sensor"], limited="sensors are shown")
     summary = tracking.summary()
     _say(tracking, summary)
-    if output is not None and maps.is_map(output):
+    if maps.is_map(output):
         maps.write(_lines(tracking), output, "track")
     elif output is not None and output.suffix.lower() in write.ASTERIX:
         write.write_asterix(tracking.rows, output)
-    elif output is not None:
+    else:
         write.write(tracking.rows, output)
-    if plot_file is not None:
-        write.save(plot_file, _FIGURE_SIZE, partial(_draw, tracking))
+    write.save(plot_file, _FIGURE_SIZE, partial(_draw, tracking))
     return summary | {"sensors": tracking.sensors.to_dicts()}
 
 
@@ -226,9 +225,7 @@ def _trusting(radars: Sensors[Radar], trusted: list[str] | None) -> Sensors[Rada
 
 
 def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
-    origin = tracking.recording.sensors.origin()
-    if origin is not None:
-        typer.echo(origin)
+    line(tracking.recording.sensors.origin())
     tracks, rows = summary["track_count"], summary["row_count"]
     typer.echo(
         f"{counted(tracks, 'track')}, {counted(rows, 'row')} in {summary['duration_s']:.6g} s, "

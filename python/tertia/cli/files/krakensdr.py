@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray
-from tertia.cli.terminal.say import WRONG_USAGE, fail
+from tertia.cli.terminal.say import fail, reading
 from tertia.tables._doubts import doubt
 from tertia.tables._parts import Part
 
@@ -40,11 +40,8 @@ _STANDS = 1e-3
 def recording(path: Path) -> Part:
     """Return the bearings of a recording, and the positions of its stations."""
     try:
-        cells = pl.read_csv(path, has_header=False, infer_schema=False, glob=False)
-    except FileNotFoundError:
-        fail(f"there is no file {path}", WRONG_USAGE)
-    except OSError as error:
-        fail(f"cannot read {path}: {error.strerror or error}")
+        with reading(path):
+            cells = pl.read_csv(path, has_header=False, infer_schema=False, glob=False)
     except pl.exceptions.PolarsError as error:
         fail(f"cannot read {path}: {str(error).splitlines()[0]}")
     first = len(_COLUMNS) + _RESERVED

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta, timezone
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import polars as pl
@@ -80,14 +80,14 @@ def _unwrapped(ring: FloatArray, *, closed: bool) -> list[list[float]]:
     return [[round(x, _DIGITS) for x in row] for row in places.tolist()]
 
 
-def is_map(path: Path | None) -> bool:
+def is_map(path: Path | None) -> TypeGuard[Path]:
     """Return whether a result is written for a map."""
     return path is not None and path.suffix.lower() in SUFFIXES
 
 
 def check(output: Path | None, sensors: Sensors[Any]) -> None:
     """Exit with an error, before any processing, if positions have no latitude and longitude."""
-    if output is None or not is_map(output):
+    if not is_map(output):
         return
     if sensors.frame is None:
         fail(
@@ -139,33 +139,26 @@ def _geojson(features: Sequence[Feature], shapes: Sequence[Shape]) -> str:
 
 def _geojson_feature(one: Feature) -> dict[str, Any]:
     coordinates, times = one.coordinates(unwrapped=True), [_plain(time) for time in one.times]
-    line = len(times) > 1
-    return {
-        "type": "Feature",
-        "geometry": {
-            "type": "LineString" if line else "Point",
-            "coordinates": coordinates if line else coordinates[0],
-        },
-        "properties": {
-            "name": one.name,
-            **{name: _plain(value) for name, value in one.properties.items()},
-            "times": times,
-        },
-    }
+    if len(times) > 1:
+        return _geojson_object(one, "LineString", coordinates, times=times)
+    return _geojson_object(one, "Point", coordinates[0], times=times)
 
 
 def _geojson_shape(one: Shape) -> dict[str, Any]:
-    coordinates: Any = one.coordinates()
+    coordinates = one.coordinates()
+    if one.is_line:
+        return _geojson_object(one, "LineString", coordinates[0][0])
+    return _geojson_object(one, "MultiPolygon", coordinates)
+
+
+def _geojson_object(
+    one: Feature | Shape, kind: str, coordinates: Sequence[Any], **more: Any
+) -> dict[str, Any]:
+    properties = {name: _plain(value) for name, value in one.properties.items()}
     return {
         "type": "Feature",
-        "geometry": {
-            "type": "LineString" if one.is_line else "MultiPolygon",
-            "coordinates": coordinates[0][0] if one.is_line else coordinates,
-        },
-        "properties": {
-            "name": one.name,
-            **{name: _plain(value) for name, value in one.properties.items()},
-        },
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": {"name": one.name, **properties, **more},
     }
 
 

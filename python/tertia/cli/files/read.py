@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._described import REPORTS, Description, description
 from tertia.tables._parts import AGAIN, Part, Source
 from tertia.tables._sensors import Sensors
+from tertia.tables._track import Recording, recording_of
 
 if TYPE_CHECKING:
     from tertia.flightplan import FlightPlan
@@ -208,12 +209,9 @@ def _say_why(path: Path, error: str) -> NoReturn:
 
 def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
     """Return the radars of a sensors file, as `read_radars` does, and its other sensors."""
-    described = _described(path)
-    if described.has_kinds and (described.rows(REPORTS) or described.rows("station")):
-        found = described.sensors(source, flat=flat)
-        _require_described(path, source, found)
-        return found
-    return read_radars(path, source, flat=flat)
+    found = _described(path).sensors(source, flat=flat)
+    _require_described(path, source, found)
+    return found
 
 
 def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Radar]:
@@ -229,6 +227,16 @@ def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Senso
 def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
     """Return the stations of a sensors file; missing positions are taken from the recordings."""
     return _described(path).stations(source)
+
+
+def recording(
+    files: Sequence[Path] | None, sensors: Path, columns: Mapping[str, str], *, flat: bool
+) -> Recording:
+    """Return the plots in files, at least one, and the radars that measured them."""
+    if not files:
+        fail("give files of plots", WRONG_USAGE)
+    given = plots(*files)
+    return recording_of(given, read_radars(sensors, given, flat=flat), columns)
 
 
 def _require_described(path: Path, source: Source, sensors: Sensors[Any]) -> None:

@@ -95,8 +95,10 @@ def check_suffix(path: Path, known: Iterable[str]) -> None:
         fail(f"cannot write {path}: {os.strerror(wrong)}")
 
 
-def write(table: pl.DataFrame, path: Path) -> None:
-    """Write a table in the format of the file name, and print a note."""
+def write(table: pl.DataFrame, path: Path | None) -> None:
+    """Write a table in the format of the file name, if there is one, and print a note."""
+    if path is None:
+        return
     with _whole(path) as file:
         WRITERS[path.suffix.lower()](table, file)
     typer.echo(f"wrote {counted(table.height, 'row')} to {path}")
@@ -134,8 +136,10 @@ def make_folder(path: Path) -> None:
         fail(f"cannot make {path}: {error.strerror or error}")
 
 
-def save(path: Path, size: tuple[float, float], draw: Callable[[Figure], object]) -> None:
-    """Write a picture of this size in inches, after `draw` has filled its figure."""
+def save(path: Path | None, size: tuple[float, float], draw: Callable[[Figure], object]) -> None:
+    """Write a picture of this size in inches, if a file is given; `draw` fills its figure."""
+    if path is None:
+        return
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     figure = Figure(figsize=size, layout="constrained")
@@ -146,13 +150,15 @@ def save(path: Path, size: tuple[float, float], draw: Callable[[Figure], object]
 
 def save_groups(
     groups: Sequence[T],
-    path: Path,
+    path: Path | None,
     draw: Callable[[T, FigureBase], None],
     size: tuple[float, float],
     *,
     across: bool = False,
 ) -> None:
-    """Write a picture of the first groups, stacked or side by side (`across`)."""
+    """Write a picture of the first groups, stacked or side by side (`across`); see `save`."""
+    if path is None:
+        return
     drawn = groups[:_MAX_GROUPS_DRAWN]
     count = len(drawn)
     if len(groups) > count:

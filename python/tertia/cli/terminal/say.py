@@ -34,6 +34,12 @@ def note(message: str) -> None:
     typer.echo(message, err=True)
 
 
+def line(text: str | None) -> None:
+    """Print a line, if there is one."""
+    if text is not None:
+        typer.echo(text)
+
+
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Exit with a message if a file cannot be read."""
