@@ -21,13 +21,7 @@ from tertia._arrays import (
 from tertia._result import Result
 from tertia.flightplan._plan import FlightPlan
 from tertia.flightplan._tracks import tracks_of
-from tertia.sensors._identities import (
-    NO_IDENTITY,
-    callsigns,
-    icao_addresses,
-    mode_3a_codes,
-    whole,
-)
+from tertia.sensors._identities import NO_IDENTITY, checked
 
 
 class CorrelationStatus(enum.IntEnum):
@@ -148,15 +142,11 @@ def correlate(
         raise ValueError("plans is empty; there must be one plan or more")
     tracks = tracks_of(time, position, velocity, covariance, height)
     batch = tracks["time"].shape[:-1]
-    identities = (
-        _of_each(
-            whole(NO_IDENTITY if identity is None else identity, "identity"), "identity", batch
-        ),
-        None
-        if icao_address is None
-        else _of_each(icao_addresses(icao_address), "icao_address", batch),
-        None if mode_3a is None else _of_each(mode_3a_codes(mode_3a), "mode_3a", batch),
-        None if callsign is None else _of_each(callsigns(callsign), "callsign", batch),
+    number = NO_IDENTITY if identity is None else identity
+    columns = checked(icao_address, mode_3a, callsign, number)
+    identities: Any = tuple(
+        None if values is None else _of_each(values, name, batch)
+        for name, values in columns.items()
     )
     scores, plan, status = _core.correlate(
         [plan._route for plan in known], tracks, identities, threads(n_threads)

@@ -15,10 +15,7 @@ from tertia.sensors._identities import (
     NO_CALLSIGN,
     NO_IDENTITY,
     TextArray,
-    callsigns,
-    icao_addresses,
-    mode_3a_codes,
-    whole,
+    checked,
 )
 
 
@@ -134,7 +131,7 @@ class Truth:
             "position": points[order],
             "covariance": None if covariance is None else _spread(covariance, points.shape)[order],
             "height": None if height is None else _heights(height, len(order))[order],
-            **_identities(icao_address, mode_3a, callsign, identity, order),
+            **_in_order(checked(icao_address, mode_3a, callsign, identity), order),
             "targets": targets,
             "first": times[starts],
             "last": times[np.append(starts[1:], len(index)) - 1],
@@ -291,26 +288,16 @@ def _heights(height: npt.ArrayLike, count: int) -> FloatArray:
     return found
 
 
-def _identities(
-    icao_address: npt.ArrayLike | None,
-    mode_3a: npt.ArrayLike | None,
-    callsign: npt.ArrayLike | None,
-    identity: npt.ArrayLike | None,
-    order: IntArray,
+def _in_order(
+    columns: dict[str, npt.NDArray[Any] | None], order: IntArray
 ) -> dict[str, npt.NDArray[Any] | None]:
-    """Return the columns of identities, after checking them, in the order of the rows."""
-    found: dict[str, npt.NDArray[Any] | None] = {
-        "icao_address": None if icao_address is None else icao_addresses(icao_address),
-        "mode_3a": None if mode_3a is None else mode_3a_codes(mode_3a),
-        "callsign": None if callsign is None else callsigns(callsign),
-        "identity": None if identity is None else whole(identity, "identity"),
-    }
-    for name, column in found.items():
+    """Return columns in the order of the rows."""
+    for name, column in columns.items():
         if column is not None and column.shape != order.shape:
             raise ValueError(
                 f"{name} has shape {column.shape}; it must be ({len(order)},), as time"
             )
-    return {name: None if column is None else column[order] for name, column in found.items()}
+    return {name: None if column is None else column[order] for name, column in columns.items()}
 
 
 def _spread(covariance: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -76,6 +76,21 @@ def callsigns(value: npt.ArrayLike) -> TextArray:
     return found
 
 
+def checked(
+    icao_address: npt.ArrayLike | None,
+    mode_3a: npt.ArrayLike | None,
+    callsign: npt.ArrayLike | None,
+    identity: npt.ArrayLike | None,
+) -> dict[str, npt.NDArray[Any] | None]:
+    """Return columns of identities by their names, after checking them, as the core reads them."""
+    return {
+        "identity": None if identity is None else whole(identity, "identity"),
+        "icao_address": None if icao_address is None else icao_addresses(icao_address),
+        "mode_3a": None if mode_3a is None else mode_3a_codes(mode_3a),
+        "callsign": None if callsign is None else callsigns(callsign),
+    }
+
+
 def identities_of(rows: Any) -> Identities:
     """Return the columns of identities of plots or tracks, as the core reads them."""
     identity, icao_address, mode_3a, callsign = (getattr(rows, name) for name in COLUMNS)

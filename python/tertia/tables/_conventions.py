@@ -15,7 +15,7 @@ from tertia.geo import LocalFrame
 from tertia.location import LIGHT, Location, locate
 from tertia.location._conventions import CONVENTIONS, Convention
 from tertia.sensors import Bias, ByKind, Station
-from tertia.tables._doubts import doubt
+from tertia.tables._doubts import doubt, extent
 from tertia.tables._heights import given_heights
 from tertia.tables._measurements import Target
 
@@ -86,13 +86,13 @@ class _Trial:
         if arrival is None or len(arrival) < 1:
             return False
         places = np.array([np.atleast_2d(one.position)[0] for one in self.stations])
-        extent = float(np.max(np.linalg.norm(places[:, np.newaxis] - places, axis=-1)))
+        apart = extent(places)
         spread = np.fmax.reduce(arrival, axis=1) - np.fmin.reduce(arrival, axis=1)
-        if not np.sum(spread * speed > _FAR * extent) > _MANY * len(arrival):
+        if not np.sum(spread * speed > _FAR * apart) > _MANY * len(arrival):
             return False
         doubt(
             f"arrivals of one emission differ by {np.nanmedian(spread):.3g} s, but at {speed:g} "
-            f"m/s signals need only {extent / speed:.3g} s between the sensors: are they sounds "
+            f"m/s signals need only {apart / speed:.3g} s between the sensors: are they sounds "
             "(propagation_speed), are times in another unit, or is a tolerance too large?"
         )
         return True

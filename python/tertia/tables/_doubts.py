@@ -114,12 +114,13 @@ def doubt_ranges(values: FloatArray, places: FloatArray) -> None:
     known = np.abs(values[np.isfinite(values)])
     if len(known) < _DOUBTFUL_COUNT:
         return
-    typical, apart = float(np.median(known)), _extent(places)
+    typical, apart = float(np.median(known)), extent(places)
     if typical < _LEAST_RANGE and (apart == 0.0 or typical < _NEAR * apart):
         doubt(_SMALL_RANGES.format(typical))
 
 
-def _extent(places: FloatArray) -> float:
+def extent(places: FloatArray) -> float:
+    """Return the largest distance between two of the places, (K, D)."""
     return float(np.max(np.linalg.norm(places[:, np.newaxis] - places, axis=-1)))
 
 
@@ -131,7 +132,7 @@ def doubt_differences(values: FloatArray, places: FloatArray) -> None:
     known = np.abs(values[np.isfinite(values)])
     if len(known) < _DOUBTFUL_COUNT:
         return
-    largest, apart = float(np.max(known)), _extent(places)
+    largest, apart = float(np.max(known)), extent(places)
     if largest < _TINY * apart:
         doubt(
             f"all range differences are below {largest:.3g}, but sensors are {apart:.3g} m apart: "

@@ -100,7 +100,11 @@ def settle(
     for name in unknown:
         if name in problems:
             raise RecordError(f"{problems[name]}: give the sigma of {name}")
-    fitted = [_sigma(fits[name]) for name in unknown if name in fits]
+    fitted = [
+        _fitted(f"sigma of {name}", fits[name].noise.measurement_sigma, 2, fits[name])
+        for name in unknown
+        if name in fits
+    ]
     if seek_motion:
         if not fits:
             reason = next(iter(problems.values()), "there are no plots")
@@ -108,10 +112,10 @@ def settle(
         best = best_motion(list(fits.values()))
         if alpha is None:
             alpha = best.noise.alpha
-            fitted.append(_motion("alpha", alpha, 0, best))
+            fitted.append(_fitted("alpha", alpha, 0, best))
         if acceleration_sigma is None:
             acceleration_sigma = best.noise.acceleration_sigma
-            fitted.append(_motion("acceleration sigma", acceleration_sigma, 1, best))
+            fitted.append(_fitted("acceleration sigma", acceleration_sigma, 1, best))
     found = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
     found |= {name: fits[name].noise.measurement_sigma for name in unknown if name in fits}
     model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
@@ -138,16 +142,10 @@ def _fit(
     return fits, problems
 
 
-def _sigma(fit: SensorFit) -> Fitted:
-    noise = fit.noise
-    name = f"sigma of {fit.sensor}"
-    return _motion(name, noise.measurement_sigma, 2, fit)
-
-
-def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
+def _fitted(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
     sigma = float(fit.noise.sigma[which])
     relative = sigma / value if value > 0 else math.inf
-    return Fitted(name, value, relative, fit.sensor, fit.left_out)
+    return Fitted(name, value, relative, fit.sensor, int(fit.noise.outlier.sum()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +154,6 @@ class SensorFit:
 
     sensor: str
     noise: NoiseFit
-    left_out: int
 
     @property
     def motion_error(self) -> float:
@@ -173,8 +170,7 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
     plots.
     """
     times, z = _stacked(series)
-    noise = fit_noise(z, time=times, period=period, outlier_gate=_GATE)
-    return SensorFit(sensor, noise, int(noise.outlier.sum()))
+    return SensorFit(sensor, fit_noise(z, time=times, period=period, outlier_gate=_GATE))
 
 
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:

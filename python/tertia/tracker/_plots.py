@@ -19,10 +19,8 @@ from tertia.sensors._identities import (
     NO_IDENTITY,
     Identities,
     TextArray,
-    callsigns,
-    icao_addresses,
+    checked,
     identities_of,
-    mode_3a_codes,
     whole,
 )
 from tertia.tracker._earth import plane_of, positions
@@ -151,10 +149,7 @@ class Plots(Result):
             "azimuth": radians(azimuth, "azimuth", degrees=degrees),
             "sensor": whole(sensor, "sensor"),
             "height": samples(height, "height"),
-            "icao_address": None if icao_address is None else icao_addresses(icao_address),
-            "mode_3a": None if mode_3a is None else mode_3a_codes(mode_3a),
-            "callsign": None if callsign is None else callsigns(callsign),
-            "identity": whole(identity, "identity"),
+            **checked(icao_address, mode_3a, callsign, identity),
             "detection": detections(detection),
             "sensor_heading": None
             if sensor_heading is None
