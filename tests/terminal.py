@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -44,6 +44,14 @@ def succeed(*arguments: object) -> Run:
     return done
 
 
+def assert_refused(done: Run, message: str) -> None:
+    """Check that nothing was printed but one line on stderr, with this message."""
+    assert done.code in {1, 2}
+    assert done.out == ""
+    assert message in done.err
+    assert done.err.count("\n") == 1
+
+
 def result(command: str, *arguments: object, folder: Path) -> pl.DataFrame:
     """Return what a command writes, with full precision; it must succeed."""
     output = folder / "result.parquet"
@@ -68,6 +76,22 @@ def writer(folder: Path, header: str, name: str, rows: Sequence[str] = ()) -> Wr
         return path
 
     return write
+
+
+def cell(value: float) -> str:
+    """Return a number in a file of CSV; empty if it is unknown."""
+    return "" if np.isnan(value) else repr(float(value))
+
+
+def wide(
+    times: npt.ArrayLike, names: Sequence[str], values: Mapping[str, Any], extra: str = ""
+) -> list[str]:
+    """Return rows of CSV of times, sensors and their measurements of all kinds, (steps, K)."""
+    return [
+        ",".join([f"{time}", name, *(cell(v[i, k]) for v in values.values())]) + extra
+        for i, time in enumerate(np.asarray(times))
+        for k, name in enumerate(names)
+    ]
 
 
 def indicators(tracks: pl.DataFrame, truth: pl.DataFrame, **options: float) -> Any:

@@ -66,21 +66,14 @@ def recording(seed: int = 5) -> Values:
 Z = recording()
 
 
-def text(value: float) -> str:
-    return "" if np.isnan(value) else repr(float(value))
-
-
 def wide(values: Values = Z, extra: str = "", names: list[str] = NAMES) -> list[str]:
-    return [
-        ",".join([f"{TIMES[i]}", name, *(text(v[i, k]) for v in values.values())]) + extra
-        for i in range(len(next(iter(values.values()))))
-        for k, name in enumerate(names)
-    ]
+    steps = len(next(iter(values.values())))
+    return terminal.wide(TIMES[:steps], names, values, extra)
 
 
 def long(values: Values = Z) -> list[str]:
     return [
-        f"{TIMES[i]},{name},{kind},{text(v[i, k])}"
+        f"{TIMES[i]},{name},{kind},{terminal.cell(v[i, k])}"
         for kind, v in values.items()
         for k, name in enumerate(NAMES)
         for i in range(STEPS)

@@ -61,14 +61,7 @@ Z = recording()
 
 
 def lines(values: dict[str, FloatArray] = Z, extra: str = "") -> list[str]:
-    def text(value: float) -> str:
-        return "" if np.isnan(value) else repr(float(value))
-
-    return [
-        ",".join([f"{TIMES[i]}", name, *(text(v[i, k]) for v in values.values())]) + extra
-        for i in range(STEPS)
-        for k, name in enumerate(NAMES)
-    ]
+    return terminal.wide(TIMES, NAMES, values, extra)
 
 
 @pytest.fixture

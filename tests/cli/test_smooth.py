@@ -128,9 +128,7 @@ def test_mistakes(tmp_path: Path) -> None:
         (("--sigma", 1, "--value", "up_m"), "up_m"),
     ):
         done = run(file, *options)
-        assert done.code != 0
-        assert message in done.err
-        assert done.err.count("\n") == 1
+        terminal.assert_refused(done, message)
 
 
 def test_latitudes_and_longitudes(tmp_path: Path) -> None:

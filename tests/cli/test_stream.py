@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 import pytest
 from places import DATA
-from terminal import Run, run
+from terminal import Run, assert_refused, run
 
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable
 
@@ -337,10 +337,7 @@ def test_streams_that_cannot_be_used(
 )
 def test_wrong_options(arguments: Any, message: str, sites: Path) -> None:
     done = run("track", *arguments, "--sensors", sites)
-    assert done.code in {1, 2}
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    assert_refused(done, message)
 
 
 def test_units_that_look_wrong(sites: Path, write: Callable[..., Path]) -> None:

@@ -538,10 +538,7 @@ def test_mistakes_in_plots(
     output.parent.mkdir()
     path = write(rows, header)
     done = run(path, "--sensors", radars, "--output", output)
-    assert done.code in {1, 2}
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    terminal.assert_refused(done, message)
     assert not list(output.parent.iterdir())
 
 
@@ -561,10 +558,7 @@ def test_mistakes_in_plots(
 )
 def test_mistakes_in_radars(rows: list[str], header: str, message: str, write: Write) -> None:
     done = run(write(LINES), "--sensors", write(rows, header, "r.csv"))
-    assert done.code in {1, 2}
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    terminal.assert_refused(done, message)
 
 
 @pytest.mark.parametrize(
@@ -589,10 +583,7 @@ def test_mistakes_in_plans(
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     done = run(write(LINES), "--sensors", radars, "--plans", path)
-    assert done.code in {1, 2}
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    terminal.assert_refused(done, message)
 
 
 @pytest.mark.parametrize(
@@ -615,9 +606,7 @@ def test_mistakes_in_plans(
 def test_wrong_options(options: Any, message: str, write: Write, radars: Path) -> None:
     done = run(write(LINES), "--sensors", radars, *options)
     assert done.code == 2
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    terminal.assert_refused(done, message)
 
 
 @pytest.mark.parametrize(
@@ -911,10 +900,7 @@ def test_mistakes_in_the_truth(
     path = write(shown(), TRACK_HEAD)
     arguments = (path, "--truth", write(rows, header, "true.csv"), "--output", output)
     done = run(*arguments, command="evaluate")
-    assert done.code in {1, 2}
-    assert done.out == ""
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    terminal.assert_refused(done, message)
     assert not output.exists()
 
 

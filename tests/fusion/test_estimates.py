@@ -35,6 +35,14 @@ def options_of(method, k):
     return {"method": method} | ({"weights": np.arange(1.0, k + 1)} if method == "static" else {})
 
 
+def chosen(method, x, s, blocks, sensors, **options):
+    """Fuse the estimates of some sensors; if there are blocks, estimates are correlated."""
+    sensors = np.array(sensors)
+    options |= {"method": method} | ({"weights": 1.0 + sensors} if method == "static" else {})
+    cross = None if blocks is None else blocks[np.ix_(sensors, sensors)]
+    return fuse(x[sensors], s[sensors], cross_covariances=cross, **options)
+
+
 def problem(k, m, seed, *batch):
     blocks = joint_of(k, m, seed, *batch)
     return rng(seed + 1).normal(0, 3, (*batch, k, m)), own(blocks), blocks
@@ -230,15 +238,9 @@ def test_intersection_is_conservative(k):
 def test_the_order_of_the_sensors_does_not_matter(method, correlated):
     x, s, blocks = problem(5, 3, 11)
     x[:, 0] = [10.0, 350.0, 2.0, 180.0, 175.0]
-    order = np.array([3, 0, 4, 2, 1])
-    w = np.array([1.0, 2, 3, 4, 5])
-    given = {"weights": w} if method == "static" else {}
-    turned = {"weights": w[order]} if method == "static" else {}
-    if correlated:
-        given["cross_covariances"] = blocks
-        turned["cross_covariances"] = blocks[np.ix_(order, order)]
-    plain = fuse(x, s, method=method, period=360.0, **given)
-    other = fuse(x[order], s[order], method=method, period=360.0, **turned)
+    order, cross = [3, 0, 4, 2, 1], blocks if correlated else None
+    plain = chosen(method, x, s, cross, range(5), period=360.0)
+    other = chosen(method, x, s, cross, order, period=360.0)
     check(other, (plain.mean, plain.covariance, plain.weights[order]), 1e-9)
 
 
@@ -323,15 +325,8 @@ def test_an_angle_of_a_period_is_zero():
 def test_a_sensor_without_an_estimate_is_left_out(method, correlated):
     x, s, blocks = problem(4, 3, 16)
     x[1], s[1], blocks[1], blocks[:, 1] = NAN, NAN, NAN, NAN
-    rest = [0, 2, 3]
-    w = np.array([1.0, 5.0, 2.0, 3.0])
-    given = {"weights": w} if method == "static" else {}
-    fewer = {"weights": w[rest]} if method == "static" else {}
-    if correlated:
-        given["cross_covariances"] = blocks
-        fewer["cross_covariances"] = blocks[np.ix_(rest, rest)]
-    found = fuse(x, s, method=method, **given)
-    without = fuse(x[rest], s[rest], method=method, **fewer)
+    rest, cross = [0, 2, 3], blocks if correlated else None
+    found, without = chosen(method, x, s, cross, range(4)), chosen(method, x, s, cross, rest)
     assert_same(found, without, ["mean", "covariance", "statistic", "degrees_of_freedom", "pvalue"])
     np.testing.assert_array_equal(found.weights[rest], without.weights)
     assert not found.weights[1].any()

@@ -43,6 +43,14 @@ def truth(step=0.5):
     return pl.DataFrame({"time_s": time, "east_m": east, "north_m": north})
 
 
+def on_the_earth(table):
+    """Return the latitudes and longitudes of positions."""
+    frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
+    place = np.column_stack([table["east_m"], table["north_m"], np.zeros(table.height)])
+    latitude, longitude, _ = map(np.array, frame.to_geodetic(place))
+    return latitude, longitude
+
+
 def figure(found, name, probability=None):
     rows = found.filter(figure=name)
     rows = rows if probability is None else rows.filter(probability=probability)
@@ -98,18 +106,12 @@ class TestPositions:
             assert figure(told, "nees")["verdict"] == "honest"
 
     def test_latitude_and_longitude(self):
-        frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
         table, _ = positions()
         degrees = []
         for one in (table, truth()):
-            place = np.column_stack([one["east_m"], one["north_m"], np.zeros(one.height)])
-            latitude, longitude, _ = frame.to_geodetic(place)
+            latitude, longitude = on_the_earth(one)
             there = one.drop("east_m", "north_m")
-            degrees.append(
-                there.with_columns(
-                    latitude_deg=np.array(latitude), longitude_deg=np.array(longitude)
-                )
-            )
+            degrees.append(there.with_columns(latitude_deg=latitude, longitude_deg=longitude))
         expected = figure(tables.audit(table, truth()), "nees")["value"]
         found = figure(tables.audit(*degrees), "nees")["value"]
         assert found == pytest.approx(expected, rel=1e-3)
@@ -203,12 +205,10 @@ class TestPositions:
         assert figure(tables.audit(yaps, truth()), "nees") == expected
 
     def test_flights_of_traffic(self):
-        frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
         table, _ = positions()
         flights = []
         for one in (table, truth()):
-            place = np.column_stack([one["east_m"], one["north_m"], np.zeros(one.height)])
-            latitude, longitude, _ = (np.array(x) for x in frame.to_geodetic(place))
+            latitude, longitude = on_the_earth(one)
             moment = datetime(2024, 1, 1) + pl.Series(one["time_s"] * 1e6).cast(pl.Duration("us"))
             columns = {"timestamp": moment, "latitude": latitude, "longitude": longitude}
             flights.append(pl.DataFrame({"icao24": "4b1801", **columns}))

@@ -80,21 +80,26 @@ def test_regions_hold_where_errors_are_not_as_stated(kind):
         assert np.mean(default) > np.mean(trusted) + 0.1
 
 
+def costs(paths):
+    """Return by how much pairs of estimates have larger mean squared errors and variances."""
+    squares = [[np.mean(np.square(one.position - truth)) for one in pair] for pair, truth in paths]
+    sizes = [[np.mean(one.sigma**2) for one in pair] for pair, _ in paths]
+    return [after / before for before, after in (np.mean(x, axis=0) for x in (squares, sizes))]
+
+
 def test_healthy_scenes_do_not_pay():
-    squares, sizes = [], []
+    paths = []
     for run in range(12):
         rng = np.random.default_rng([41, run])
         truth = way(rng)
         measured = directions(truth) + SIGMA * rng.standard_normal((120, 4))
-        trusted, track = (
+        pair = [
             reconstruct(finders(), TIMES, azimuth=measured, bias=bias) for bias in (Bias(), None)
-        )
-        squares.append([np.mean(np.square(one.position - truth)) for one in (trusted, track)])
-        sizes.append([np.mean(one.sigma**2) for one in (trusted, track)])
-    before, after = np.mean(squares, axis=0)
-    assert after < 1.03**2 * before
-    before, after = np.mean(sizes, axis=0)
-    assert after < 1.1 * before
+        ]
+        paths.append((pair, truth))
+    square, size = costs(paths)
+    assert square < 1.03**2
+    assert size < 1.1
 
 
 def test_what_nothing_contradicts_is_not_included():
@@ -502,19 +507,17 @@ def test_biases_of_radars_that_measure_in_turn_are_found(periods, is_turning, bi
 
 @pytest.mark.parametrize("is_turning", [False, True])
 def test_healthy_radars_that_measure_in_turn_hardly_pay(is_turning):
-    squares, sizes = [], []
+    paths = []
     for run in range(12):
         time, truth, ranges, azimuth = in_turn(run, (4.0, 4.0), is_turning)
         pair = [
             reconstruct(RADARS[:2], time, range=ranges, azimuth=azimuth, bias=bias)
             for bias in (Bias(), None)
         ]
-        squares.append([np.mean(np.square(one.position - truth)) for one in pair])
-        sizes.append([np.mean(one.sigma**2) for one in pair])
-    before, after = np.mean(squares, axis=0)
-    assert after < 1.03**2 * before
-    before, after = np.mean(sizes, axis=0)
-    assert after < 1.4 * before
+        paths.append((pair, truth))
+    square, size = costs(paths)
+    assert square < 1.03**2
+    assert size < 1.4
 
 
 def test_nothing_contradicts_a_radar_alone():
