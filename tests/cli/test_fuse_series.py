@@ -551,9 +551,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
         (["p.csv", "--by", "weight_A"], 2, "p.csv has no column weight_A; .*"),
         (["r.csv", "--by", "weight_r"], 2, "the result would have two columns weight_r"),
         (
-            [
-                "p.csv",
-            ],
+            ["p.csv"],
             1,
             "the noise of A cannot be estimated: z has 4 measurements; .*: give the sigma of A",
         ),
@@ -569,9 +567,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
             "the noise of flat cannot be estimated: z lies on .*: give the sigma of flat",
         ),
         (
-            [
-                "twice.csv",
-            ],
+            ["twice.csv"],
             1,
             "twice.csv, line 5: A has two plots at 1.0: .* group the rows by a column",
         ),
@@ -600,9 +596,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
         ),
         (["notime.csv"], 1, "notime.csv, line 4: time_s is missing"),
         (
-            [
-                "nosensor.csv",
-            ],
+            ["nosensor.csv"],
             1,
             "nosensor.csv, line 3: sensor is missing",
         ),

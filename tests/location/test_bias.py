@@ -222,14 +222,17 @@ class TestHardlyChecked:
             one = {kind: value[0] for kind, value in angles.items()}
             assert locate(stations, **one).systematic == expected
 
+    def located(self, error):
+        """Yield positions with and without systematic errors, and the truth."""
+        for seed in range(40):
+            stations, angles, truth = self.measured(seed, 2, 20, error)
+            yield locate(stations, **angles), locate(stations, **angles, bias=Bias()), truth
+
     def test_contradictions_may_be_due_to_them(self):
         """Ten sigmas change the elevations little: it was 6 % inside."""
         shares, ratios = [], []
-        for seed in range(40):
-            stations, angles, truth = self.measured(seed, 2, 20, 10.0)
-            fixes = locate(stations, **angles)
+        for fixes, trusted, truth in self.located(10.0):
             shares.append(inside(fixes, truth))
-            trusted = locate(stations, **angles, bias=Bias())
             errors = [np.linalg.norm(one.position - truth, axis=1) for one in (fixes, trusted)]
             ratios.append(np.median(errors[0]) / np.median(errors[1]))
         assert np.mean(shares) > 0.6
@@ -237,11 +240,8 @@ class TestHardlyChecked:
 
     def test_without_errors_they_cost_nothing(self):
         shares, ratios = [], []
-        for seed in range(40):
-            stations, angles, truth = self.measured(seed, 2, 20, 0.0)
-            fixes = locate(stations, **angles)
+        for fixes, trusted, truth in self.located(0.0):
             shares.append(inside(fixes, truth))
-            trusted = locate(stations, **angles, bias=Bias())
             ratios.append(np.median(fixes.covariance[:, 0, 0] / trusted.covariance[:, 0, 0]))
         assert 0.93 < np.mean(shares) < 0.985
         assert np.median(ratios) == pytest.approx(1.0)

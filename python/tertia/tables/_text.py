@@ -14,14 +14,11 @@ _BEGIN = 1 << 16
 _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def decoded(contents: bytes) -> str:
-    """Decode a text in UTF-8 or UTF-16, with or without a byte order mark."""
-    return contents.decode(encoding_of(contents[:_BEGIN])).lstrip("\ufeff")
-
-
 def toml_of(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file; text that is not UTF-8 is a ValueError, too."""
-    return tomllib.loads(decoded(path.read_bytes()))
+    """Return the contents of a TOML file in UTF-8 or UTF-16; other text is a ValueError, too."""
+    contents = path.read_bytes()
+    text = contents.decode(encoding_of(contents[:_BEGIN])).lstrip("\ufeff")
+    return tomllib.loads(text)
 
 
 def encoding_of(begin: bytes) -> str:
