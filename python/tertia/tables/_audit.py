@@ -228,7 +228,7 @@ def audit(
         truth_sigma=truth_sigma,
         max_distance=max_distance,
     )
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def audit_of(

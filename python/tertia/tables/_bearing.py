@@ -125,7 +125,7 @@ def bearing(
     found = bearings_of(
         source_of(table), columns=columns, values=values, by=by, groups=groups, **options
     )
-    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+    return result(table, found.rows, as_names(by))
 
 
 def bearings_of(

@@ -139,7 +139,7 @@ def evaluate(
         update_interval=update_interval,
         limits=limits,
     )
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def evaluation_of(

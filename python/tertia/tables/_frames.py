@@ -11,29 +11,32 @@ import polars as pl
 Table = TypeVar("Table")
 
 
-def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
+def result(table: Table, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Table:
     """Return a result as a table of the same kind; the columns `keys` keep their types."""
-    if isinstance(table, (pl.DataFrame, list)):
-        return frame
+    found: Any = frame
     if _is_of("pandas", "DataFrame", table):
-        return _to_pandas(table, frame, keys)
-    return _like(table, _to_arrow(table, frame, keys))
+        found = _to_pandas(table, frame, keys)
+    elif not isinstance(table, (pl.DataFrame, list)):
+        found = _like(table, _to_arrow(table, frame, keys))
+    return found  # type: ignore[no-any-return]
 
 
-def extended(table: Any, columns: pl.DataFrame) -> Any:
+def extended(table: Table, columns: pl.DataFrame) -> Table:
     """Return the rows of a table, in their order, with additional columns."""
     there = set(columns.columns) & set(names(table))
     if there:
         raise ValueError(f"the table already has a column {sorted(there)[0]}")
+    found: Any = table
     if isinstance(table, pl.DataFrame):
-        return table.hstack(columns)
-    if _is_of("pandas", "DataFrame", table):
+        found = table.hstack(columns)
+    elif _is_of("pandas", "DataFrame", table):
         added = _to_pandas(table, columns, ())
-        return table.assign(**{name: added[name].array for name in added.columns})
-    found, arrow = table, _to_arrow(table, columns, ())
-    for field, column in zip(arrow.schema, arrow.columns, strict=True):
-        found = found.append_column(field, _like_column(table, column))
-    return found
+        found = found.assign(**{name: added[name].array for name in added.columns})
+    else:
+        arrow, chunked = _to_arrow(table, columns, ()), _is_of("pyarrow", "Table", table)
+        for field, column in zip(arrow.schema, arrow.columns, strict=True):
+            found = found.append_column(field, column if chunked else column.combine_chunks())
+    return found  # type: ignore[no-any-return]
 
 
 def _to_pandas(table: Any, frame: pl.DataFrame, keys: Sequence[str]) -> Any:
@@ -138,10 +141,6 @@ def _like(table: Any, result: Any) -> Any:
         return result
     whole = result.combine_chunks().to_batches()
     return whole[0] if whole else type(table).from_pylist([], schema=result.schema)
-
-
-def _like_column(table: Any, column: Any) -> Any:
-    return column if _is_of("pyarrow", "Table", table) else column.combine_chunks()
 
 
 def _usual(kind: Any) -> Any:

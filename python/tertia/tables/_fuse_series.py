@@ -196,7 +196,7 @@ def fuse_series(
     )
     time = (columns or {}).get("time_s", "time_s")
     rows = found.rows if found.targets else _nothing(table, found.rows, time, as_names(by))
-    return result(table, rows, ["time_s", *as_names(by)])  # type: ignore[no-any-return]
+    return result(table, rows, ["time_s", *as_names(by)])
 
 
 def fusion_of(

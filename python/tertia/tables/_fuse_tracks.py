@@ -147,7 +147,7 @@ def fuse_tracks(
     ['1']
     """
     found = fused_tracks(source_of(table), sensors, columns, **options)
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def fused_tracks(

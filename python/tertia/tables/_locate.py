@@ -191,7 +191,7 @@ def locate(
         risk=risk,
         n_threads=n_threads,
     )
-    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+    return result(table, found.rows, as_names(by))
 
 
 def locations_of(

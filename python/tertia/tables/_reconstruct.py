@@ -124,7 +124,7 @@ def reconstruct(
     found = paths_of(
         source_of(table), sensors=sensors, columns=columns, by=by, tolerance=tolerance, **options
     )
-    return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
+    return result(table, found.rows, as_names(by))
 
 
 def paths_of(

@@ -103,7 +103,7 @@ def register(
     [-0.0, 0.3]
     """
     recording = recording_of(source_of(table), sensors, columns)
-    return result(table, registered(recording, n_threads, **options).rows)  # type: ignore[no-any-return]
+    return result(table, registered(recording, n_threads, **options).rows)
 
 
 def registered(recording: Recording, n_threads: int | None = None, **options: Any) -> Registered:

@@ -105,4 +105,4 @@ def screen(
         if not isinstance(found, ValueError):
             outlier[found[0]], judged[found[0]] = found[1], True
     column_of_masks = known(outlier, judged)
-    return extended(table, pl.DataFrame({name: column_of_masks}))  # type: ignore[no-any-return]
+    return extended(table, pl.DataFrame({name: column_of_masks}))

@@ -145,7 +145,7 @@ def smooth(
         jerk=jerk,
         n_threads=n_threads,
     )
-    return extended(table, found.added)  # type: ignore[no-any-return]
+    return extended(table, found.added)
 
 
 @dataclass(frozen=True, slots=True)

@@ -169,7 +169,7 @@ def smooth_tracks(
         clock_period=clock_period,
         n_threads=n_threads,
     )
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def smoothing_of(

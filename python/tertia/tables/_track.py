@@ -259,7 +259,7 @@ def track(
     found = tracks_of(recording_of(source_of(table), sensors, columns), plans, **options)
     if len(found.recording.plots) and not len(found.table):
         doubt(f"{NO_TRACK} max_speed")
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def recording_of(

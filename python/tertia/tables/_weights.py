@@ -105,7 +105,7 @@ def weights(
         loss=loss,
         bias_sigma=bias_sigma,
     )
-    return result(table, found.rows)  # type: ignore[no-any-return]
+    return result(table, found.rows)
 
 
 def weights_of(
