@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tertia import metrics
 from tertia._arrays import FloatArray
-from tertia.metrics._evaluation import PARTS
+from tertia.metrics._evaluation import MOST_NEES, PARTS
 from tertia.report._analysis import (
     INTERSECTION,
     OPTIMAL_FOUND,
@@ -28,8 +28,6 @@ MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "tr
 GREY = "#8a8f98"
 # half width of a 95 % interval in standard deviations
 SIDES = 1.959964
-# 95 % quantile of chi-squared with two degrees of freedom
-_ELLIPSE = 5.991465
 _DIGITS = 5
 # largest number of tracks with their own colour in the picture of plans
 _COLOURED = 8
@@ -323,7 +321,7 @@ def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
     root = np.linalg.cholesky(covariance[:2, :2])
     angle = np.linspace(0.0, 2 * np.pi, _CORNERS)
     ring = np.stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(place[:2] + np.sqrt(_ELLIPSE) * (root @ ring).T)
+    return np.asarray(place[:2] + np.sqrt(MOST_NEES) * (root @ ring).T)
 
 
 def triangles(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tertia._arrays import FloatArray, IntArray
+from tertia.metrics._evaluation import MOST_NEES
 from tertia.report._analysis import Analysis
 from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane, triangles
 from tertia.report._grid import grid
@@ -18,7 +19,6 @@ ROWS, PLOTS, TRUTH = 30_000, 10_000, 15_000
 _PATH = 60
 # size of the median ellipse as a share of the map; factors by which ellipses are enlarged
 _SHARE, _FACTORS = 0.012, (1, 2, 5, 10, 20, 50, 100, 200, 500)
-_ELLIPSE = 5.991465
 # margin around the map, as a share of its extent
 _ROOM = 0.06
 
@@ -89,7 +89,7 @@ def _thinned(table: TrackTable) -> list[IntArray]:
 def _axes(covariance: FloatArray) -> FloatArray:
     """Return the semi-major and semi-minor axes and the orientations of 95 % ellipses, (N, 3)."""
     values, vectors = np.linalg.eigh(covariance)
-    half = np.sqrt(_ELLIPSE * np.maximum(values, 0.0))
+    half = np.sqrt(MOST_NEES * np.maximum(values, 0.0))
     angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
     return np.column_stack([half[:, 1], half[:, 0], angle])
 
