@@ -144,7 +144,7 @@ def points(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def lies_between(
-    array: FloatArray, least: float = -_MOST, most: float = _MOST, *, missing: bool = False
+    array: FloatArray, least: float, most: float = _MOST, *, missing: bool = False
 ) -> bool:
     """Return whether all numbers lie between the limits; with `missing`, nan is also allowed."""
     return _core.first_outside(np.asarray(array), least, most, missing) is None

@@ -136,7 +136,7 @@ def read_targets(
     sensors: Sensors[Station],
     *,
     columns: Mapping[str, str] | None = None,
-    by: str | Sequence[str] = (),
+    by: str | Sequence[str],
     results: Sequence[str] = (),
     timed: bool = True,
     tolerance: float = 0.0,

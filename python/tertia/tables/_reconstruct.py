@@ -131,9 +131,9 @@ def paths_of(
     source: Source,
     *,
     sensors: SensorsLike,
-    columns: Mapping[str, str] | None = None,
-    by: str | Sequence[str] = (),
-    tolerance: float = 0.0,
+    columns: Mapping[str, str] | None,
+    by: str | Sequence[str],
+    tolerance: float,
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Trajectory]:

@@ -175,11 +175,11 @@ def smooth_tracks(
 def smoothing_of(
     recording: Recording,
     *,
-    motion: Motion = "imm",
-    every: float | None = None,
-    exclude: str | None = None,
-    clock_period: float | None = None,
-    n_threads: int | None = None,
+    motion: Motion,
+    every: float | None,
+    exclude: str | None,
+    clock_period: float | None,
+    n_threads: int | None,
 ) -> Smoothing:
     """Return the smoothed tracks of a recording."""
     names = list(recording.sensors.names)

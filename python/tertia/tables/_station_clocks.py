@@ -37,7 +37,7 @@ _TRIMMED, _ROUNDS = 0.2, 4
 _DETERMINED = 1e-6
 
 
-def doubt_station_clocks(targets: Sequence[Target], bias: Bias | None = None) -> None:
+def doubt_station_clocks(targets: Sequence[Target], bias: Bias | None) -> None:
     """Warn if stations contradict each other, and would agree if their clocks were set differently.
 
     A clock that is wrong by τ changes a measurement by τ times its rate. The differences of the

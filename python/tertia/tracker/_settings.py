@@ -7,7 +7,6 @@ from typing import Any
 
 from tertia import _core
 from tertia._arrays import integer, listed, positive, real
-from tertia.association import GUARD
 from tertia.tracker._models import (
     Association,
     Motion,
@@ -21,24 +20,21 @@ from tertia.tracker._models import (
 
 def core_settings(
     *,
-    motion: Motion = "imm",
-    plan_model: PlanModel | None = None,
-    association: Association = "gnn",
-    confirmation: tuple[int, int] | float = (3, 4),
-    coasting: int = 5,
-    clutter_density: float | None = None,
-    profile: ProfileName = "aircraft",
-    max_speed: float | None = None,
-    gate_probability: float = GUARD,
-    guard_acceleration: float | None = None,
-    identity_error_probability: float = 1e-3,
-    emergency_codes: Sequence[int] = (),
-    with_plans: bool = False,
+    motion: Motion,
+    plan_model: PlanModel | None,
+    association: Association,
+    confirmation: tuple[int, int] | float,
+    coasting: int,
+    clutter_density: float | None,
+    profile: ProfileName,
+    max_speed: float | None,
+    gate_probability: float,
+    guard_acceleration: float | None,
+    identity_error_probability: float,
+    emergency_codes: Sequence[int],
+    with_plans: bool,
 ) -> _core.TrackerSettings:
-    """Check the options of `Tracker` that can be checked without sensors and plots.
-
-    Commands call this to refuse wrong options before they read files.
-    """
+    """Check the options of `Tracker` that can be checked without sensors and plots."""
     model = PlanModel() if plan_model is None else plan_model
     if not isinstance(model, PlanModel):
         raise TypeError(f"plan_model is {plan_model!r}; it must be a PlanModel")
