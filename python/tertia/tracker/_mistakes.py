@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Radar, Station
 from tertia.tracker._earth import in_plane
 from tertia.tracker._plots import Plots
@@ -47,6 +47,8 @@ _UNITS = {
 # share of the range within which two radars have a target at the same place; by how much more such
 # plots there must be than in other directions, and by how much more than with the unit stated
 _PLACE, _AGREE, _BETTER = 0.03, 0.3, 3.0
+# the same where only distances are compared
+_WIDER = 1.001
 # the direction of plots, and others for comparison
 _ASIDE = np.radians([0.0, 40.0, 100.0, 180.0, 230.0, 310.0])
 # about how many rows of tracks are used, those of so many scans at once, and most plots that are
@@ -168,16 +170,23 @@ def _too_fast(seen: Seen, period: float, max_speed: float) -> float:
     if not len(at):
         return 0.0
     place, sigma = seen.place[at, np.newaxis], seen.sigma[at, np.newaxis, np.newaxis]
+    fastest = max(_FASTEST, _TIMES * max_speed)
     since, before = _around(seen, seen.time[at], period * np.array([-_SCAN[1], -_SCAN[0]]))
     ahead, after = _around(seen, seen.time[at], period * np.array(_SCAN))
+    # most plots are too far away for any of the speeds below
+    reach = fastest + _SIGMAS * sigma[..., 0] / (_SCAN[0] * period)
     velocity = (place - seen.place[before]) / -since[..., np.newaxis]
-    speed = np.linalg.norm(velocity, axis=-1)[..., np.newaxis]
-    moved, ahead = (seen.place[after] - place)[:, np.newaxis], ahead[:, np.newaxis]
+    (velocity,) = _nearest(_length(velocity) <= reach, velocity)
+    moved = seen.place[after] - place
+    farthest = (max(_OTHER_SPEEDS) + _STEADY) * reach * ahead
+    moved, ahead = _nearest(_length(moved) <= farthest, moved, ahead)
+    speed = _length(velocity)[..., np.newaxis]
+    moved, ahead = moved[:, np.newaxis], ahead[:, np.newaxis]
     way = velocity[:, :, np.newaxis] * ahead[..., np.newaxis]
-    off = np.linalg.norm(moved - way, axis=-1)
+    off = _length(moved - way)
     near = off <= _PLACE_SIGMAS * sigma + _CHANGE * max_speed * ahead
     is_slow = near & (speed <= _FAST * max_speed + _SPEED_SIGMAS * sigma / period)
-    is_fast = (speed > _FAST * max_speed) & (speed < max(_FASTEST, _TIMES * max_speed))
+    is_fast = (speed > _FAST * max_speed) & (speed < fastest)
     is_fast &= ~is_slow.any(axis=(1, 2), keepdims=True)
     tolerance = _SIGMAS * sigma + _STEADY * speed * ahead
     hit = is_fast & (off <= tolerance)
@@ -185,10 +194,25 @@ def _too_fast(seen: Seen, period: float, max_speed: float) -> float:
     if share <= _SHOWN:
         return 0.0
     for other in (way[..., ::-1] * [1.0, -1.0], *(faster * way for faster in _OTHER_SPEEDS)):
-        by_chance = is_fast & (np.linalg.norm(moved - other, axis=-1) <= tolerance)
+        by_chance = is_fast & (_length(moved - other) <= tolerance)
         if share - np.mean(by_chance.any(axis=(1, 2))) <= _SHOWN:
             return 0.0
     return float(np.median(np.broadcast_to(speed, hit.shape)[hit]))
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    """Return the lengths of vectors in the plane, (..., 2), faster than `np.linalg.norm`."""
+    east, north = vectors[..., 0], vectors[..., 1]
+    length: FloatArray = np.sqrt(east * east + north * north)
+    return length
+
+
+def _nearest(is_near: BoolArray, *columns: FloatArray) -> list[FloatArray]:
+    """Return columns (M, W, ...) with the entries that are near first, as many as rows have."""
+    count = max(1, int(np.max(np.count_nonzero(is_near, axis=1))))
+    order = np.argsort(~is_near, axis=1, kind="stable")[:, :count]
+    rows = np.arange(len(order))[:, np.newaxis]
+    return [column[rows, order] for column in columns]
 
 
 def _looked(seen: Seen, period: float) -> IntArray:
@@ -249,16 +273,18 @@ def _agreement(seen: Seen, others: Sequence[Seen], sensor: Radar) -> float:
     turned = np.stack([away, away[:, ::-1] * [1.0, -1.0]], axis=-1) @ np.stack(
         [np.cos(_ASIDE), np.sin(_ASIDE)]
     )
-    places = np.asarray(sensor.position)[:2] + np.swapaxes(turned, 1, 2)
-    near = _PLACE * np.linalg.norm(away, axis=-1) + _SIGMAS * seen.sigma[at]
-    hit = np.zeros(places.shape[:2], dtype=bool)
+    turned = np.swapaxes(turned, 1, 2)[:, :, np.newaxis]
+    distance = _length(away)[:, np.newaxis]
+    near = _PLACE * distance + _SIGMAS * seen.sigma[at, np.newaxis]
+    hit = np.zeros(turned.shape[:2], dtype=bool)
     for other in others:
         since, index = _around(other, seen.time[at], interval(sensor) * np.array([-0.5, 0.5]))
-        apart = np.linalg.norm(
-            other.place[index][:, np.newaxis] - places[:, :, np.newaxis], axis=-1
-        )
-        is_near = (apart <= near[:, np.newaxis, np.newaxis]) & np.isfinite(since)[:, np.newaxis]
-        hit |= is_near.any(axis=-1)
+        place = other.place[index] - np.asarray(sensor.position)[:2]
+        # plots near any of the places are about as far from the radar
+        may_be_near = np.isfinite(since) & (np.abs(_length(place) - distance) <= _WIDER * near)
+        place[~may_be_near] = np.nan
+        (place,) = _nearest(may_be_near, place)
+        hit |= (_length(place[:, np.newaxis] - turned) <= near[:, np.newaxis]).any(axis=-1)
     found = np.mean(hit, axis=0)
     return float(found[0] - np.max(found[1:]))
 
