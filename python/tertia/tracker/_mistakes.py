@@ -251,10 +251,14 @@ def _unit_doubts(
         others = [one for other, one in seen.items() if other != k and len(one.time)]
         if not isinstance(sensor, Radar) or not others:
             continue
-        stated = _agreement(own, others, sensor)
+        at, places = _looked(own, interval(sensor)), np.zeros((0, 0, 2))
+        if len(at):
+            places = np.concatenate([_places(one, own.time[at], sensor) for one in others], axis=1)
+        stated = _agreement(own, at, places)
         # if plots agree as stated, no other unit can be better
         for called, unit in _UNITS.items() if stated < _AGREE else ():
-            share = _agreement(seen_of(plots[k], sensors, k, unit=unit), others, sensor)
+            other = seen_of(plots[k], sensors, k, unit=unit)
+            share = _agreement(other, at, places) if len(other.time) == len(own.time) else 0.0
             if share > max(_AGREE, _BETTER * stated, best):
                 best = share
                 text = [
@@ -264,9 +268,19 @@ def _unit_doubts(
     return text
 
 
-def _agreement(seen: Seen, others: Sequence[Seen], sensor: Radar) -> float:
-    """Return the share of plots with a plot of another sensor nearby, less that by chance."""
-    at = _looked(seen, interval(sensor))
+def _places(other: Seen, time: FloatArray, sensor: Radar) -> FloatArray:
+    """Return where the plots of another sensor at each time are, from the radar, (M, W, 2)."""
+    since, index = _around(other, time, interval(sensor) * np.array([-0.5, 0.5]))
+    places = other.place[index] - np.asarray(sensor.position)[:2]
+    places[np.isnan(since)] = np.nan
+    return places
+
+
+def _agreement(seen: Seen, at: IntArray, places: FloatArray) -> float:
+    """Return the share of the plots looked at with another one nearby, less that by chance.
+
+    `places` are those of the plots of other sensors at the times of these plots, from the radar.
+    """
     if not len(at):
         return 0.0
     away = seen.away[at]
@@ -276,15 +290,9 @@ def _agreement(seen: Seen, others: Sequence[Seen], sensor: Radar) -> float:
     turned = np.swapaxes(turned, 1, 2)[:, :, np.newaxis]
     distance = _length(away)[:, np.newaxis]
     near = _PLACE * distance + _SIGMAS * seen.sigma[at, np.newaxis]
-    hit = np.zeros(turned.shape[:2], dtype=bool)
-    for other in others:
-        since, index = _around(other, seen.time[at], interval(sensor) * np.array([-0.5, 0.5]))
-        place = other.place[index] - np.asarray(sensor.position)[:2]
-        # plots near any of the places are about as far from the radar
-        may_be_near = np.isfinite(since) & (np.abs(_length(place) - distance) <= _WIDER * near)
-        place[~may_be_near] = np.nan
-        (place,) = _nearest(may_be_near, place)
-        hit |= (_length(place[:, np.newaxis] - turned) <= near[:, np.newaxis]).any(axis=-1)
+    # plots near any of the places are about as far from the radar
+    (places,) = _nearest(np.abs(_length(places) - distance) <= _WIDER * near, places)
+    hit = (_length(places[:, np.newaxis] - turned) <= near[:, np.newaxis]).any(axis=-1)
     found = np.mean(hit, axis=0)
     return float(found[0] - np.max(found[1:]))
 
