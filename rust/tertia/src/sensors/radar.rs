@@ -2,6 +2,7 @@
 
 use super::channel::{Channel, Detection, Way, ways};
 use crate::base::error::{Result, require, require_positive};
+use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
@@ -109,7 +110,7 @@ impl Radar {
     /// Factor by which the mean position of plots is closer than the target, because of the noise of the
     /// azimuth.
     pub(crate) fn stretch(&self) -> f64 {
-        (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp()
+        exp(0.5 * self.azimuth_sigma * self.azimuth_sigma)
     }
 
     /// East and north from the square of the ground range and [`Radar::stretch`].

@@ -377,7 +377,9 @@ impl Now<'_> {
         let by_way = gain_by_way(&self.all, self.radar, plot.detection);
         let Some(patches) = &self.clutter.patches else { return by_way };
         let ratio = patches.ratio(plot.position, self.mean, 0.0);
-        by_way - ratio.max(self.clutter.again(self.radar, plot, self.mean)).ln()
+        let ratio = ratio.max(self.clutter.again(self.radar, plot, self.mean));
+        // often the case, and faster
+        if ratio == 1.0 { by_way } else { by_way - ratio.ln() }
     }
 }
 

@@ -71,11 +71,7 @@ impl Filter {
             Motion::Singer(model) => Self::Singer(Box::new(with_acceleration(&start, model))),
             Motion::Imm(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
-                let bank = Bank::new(start, turning, noise.turn_rate_sigma.powi(2));
-                let speed = Some(SpeedChange::new(noise));
-                let agility = Agility::default();
-                let (guide, circles) = (None, None);
-                Self::Multiple(Box::new(Multiple { bank, guide, speed, agility, circles }))
+                Self::multiple(noise, Bank::new(start, turning, noise.turn_rate_sigma.powi(2)))
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
@@ -84,14 +80,19 @@ impl Filter {
     /// The same for a target that has just appeared: it may have turned for long, unless it would then turn by
     /// more in a scan period than can be followed.
     pub fn appearing(motion: &Motion, start: Estimate<4>, period: f64) -> Self {
-        let mut filter = Self::new(motion, start);
-        if let (Self::Multiple(multiple), Motion::Imm(noise)) = (&mut filter, motion) {
-            let rate_sigma = FIRST_RATES * noise.turn_rate_sigma;
-            if rate_sigma * period < LARGEST_TURN {
-                multiple.bank = Bank::new(start, FIRST_TURNING, rate_sigma.powi(2));
+        match motion {
+            Motion::Imm(noise) if FIRST_RATES * noise.turn_rate_sigma * period < LARGEST_TURN => {
+                let rate_sigma = FIRST_RATES * noise.turn_rate_sigma;
+                Self::multiple(noise, Bank::new(start, FIRST_TURNING, rate_sigma.powi(2)))
             }
+            _ => Self::new(motion, start),
         }
-        filter
+    }
+
+    fn multiple(noise: &ImmModel, bank: Bank) -> Self {
+        let (guide, speed, circles) = (None, Some(SpeedChange::new(noise)), None);
+        let agility = Agility::default();
+        Self::Multiple(Box::new(Multiple { bank, guide, speed, agility, circles }))
     }
 
     /// Predicts over the time `t`; `period` is the scan period of the radar.

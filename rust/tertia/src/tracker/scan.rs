@@ -8,7 +8,7 @@ use super::assignment::ahead::Ahead;
 use super::assignment::claim::{Around, Claim, Spread, is_near};
 use super::assignment::cluster::{Cells, Clusters};
 use super::assignment::groups::{root, sort, unite};
-use super::assignment::share::{Share, Shares, View};
+use super::assignment::share::{Rates, Share, Shares, View};
 use super::clutter::{self, Clutter};
 use super::management::ended::Ended;
 use super::management::origins::Origins;
@@ -319,7 +319,6 @@ impl Scan {
             return false;
         }
         let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
-        let (others, seconds) = (&self.others[..], &self.seconds);
         // tracks in the order of the components
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -340,15 +339,17 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter, noise) = (sky.settings, &*sky.clutter, &*sky.noise);
+        let rates = Rates::of(clutter, settings);
         let view = View {
             plots,
             claimed,
             deferred,
-            others,
-            seconds,
+            others: &self.others,
+            seconds: &self.seconds,
             reflections: &self.reflections,
             settings,
             clutter,
+            rates: &rates,
             noise,
             cells,
         };

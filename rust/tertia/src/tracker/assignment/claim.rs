@@ -124,8 +124,8 @@ pub(in crate::tracker) fn reach(
     };
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, radar, unseen, settings);
-    let site = geometry.site(station);
-    let sway = track.sway((station, site), (time, centre), spread.placed);
+    let distance = station.about(centre);
+    let sway = track.sway((geometry.site(station), distance), time, spread.placed);
     let delayed = if settings.delays_differ() { track.delayed_by(radar, settings) } else { 0.0 };
     let sway = sway + delayed + CLOCKS * speed * settings.quality(radar).clock.sqrt();
     let more = margin + speed * slack + sway;
@@ -133,9 +133,7 @@ pub(in crate::tracker) fn reach(
     let scans = (time - track.seen).abs().max(station.scan_period);
     let flown = 2.0 * settings.max_speed * scans + sway;
     // a merged plot of two targets is between them
-    let merged = station
-        .resolution
-        .map_or(0.0, |[range, azimuth]| range.max(azimuth * station.about(centre)));
+    let merged = station.resolution.map_or(0.0, |[range, azimuth]| range.max(azimuth * distance));
     let half = |variance: f64, noise: f64| {
         let most = flown + (settings.guard * noise).sqrt();
         ((settings.guard * (variance + noise + wide)).sqrt() + more).min(most)
@@ -143,7 +141,7 @@ pub(in crate::tracker) fn reach(
             + station.extent
     };
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
-    let nearest = station.about(centre) - half[0] - half[1];
+    let nearest = distance - half[0] - half[1];
     (nearest <= station.max_range).then_some((centre, half))
 }
 

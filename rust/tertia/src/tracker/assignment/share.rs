@@ -18,7 +18,7 @@ mod view;
 
 use columns::Columns;
 use view::Given;
-pub(in crate::tracker) use view::View;
+pub(in crate::tracker) use view::{Rates, View};
 
 /// Index that stands for no result, or for no row.
 const NOTHING: u32 = u32::MAX;
@@ -146,7 +146,7 @@ impl Share {
     /// Predicts the tracks of a group to the time of their plots, and scores the pairs of tracks
     /// and plots.
     pub fn group(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
-        let View { plots, claimed, deferred, settings, clutter, .. } = view;
+        let View { plots, claimed, deferred, settings, rates, .. } = view;
         self.pairs.clear();
         self.columns.clear(plots.len());
         self.choice.clear();
@@ -155,7 +155,7 @@ impl Share {
         self.settled.resize(group.len(), false);
         let radar = plots[group[0].root as usize].radar;
         let station = &settings.radars[radar];
-        let odds = settings.odds(radar, clutter[radar].density(station));
+        let odds = rates.odds[radar];
         for (row, claim) in group.iter().enumerate() {
             let wanted = claim.plots(claimed).filter(|&&i| !deferred[i as usize]);
             let track = &mut *tracks[claim.track as usize];
@@ -217,9 +217,10 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, others, seconds, reflections, clutter, noise, .. }: View<'_>,
+        view: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
+        let View { plots, settings, others, seconds, reflections, rates, .. } = view;
         let mut own = 0;
         for (row, claim) in group.iter().enumerate() {
             let pairs = &self.pairs[own..]; // sorted by row
@@ -241,12 +242,12 @@ impl Share {
             if track.is_due(measured, radar) {
                 let taken = |pair: &&Pair| self.columns.plot(pair.column) == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
-                let density = clutter[measured.radar].density(radar);
+                let density = rates.density[measured.radar];
                 let other = || (others[plot as usize] + second) / measured.rivals(density);
                 let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);
-                track.stand(measured, density, (clutter, noise), settings);
+                track.stand(measured, density, (view.clutter, view.noise), settings);
             }
             if !confirmed {
                 let reflections = reflections.of(plot as usize);
@@ -263,7 +264,7 @@ impl Share {
 
     /// Gives tracks without a plot the likeliest remaining plot in the guard gate.
     pub fn guard(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
-        let View { plots, claimed, deferred, settings, clutter, noise, .. } = view;
+        let View { plots, claimed, deferred, settings, rates, noise, .. } = view;
         for row in 0..group.len() {
             if self.choice[row].is_some() || self.settled[row] {
                 continue;
@@ -271,8 +272,7 @@ impl Share {
             let claim = &group[row];
             let track = &mut *tracks[claim.track as usize];
             let radar = plots[claim.root as usize].radar;
-            let density = clutter[radar].density(&settings.radars[radar]);
-            let odds = settings.odds(radar, density);
+            let (density, odds) = (rates.density[radar], rates.odds[radar]);
             let free = |&&plot: &&u32| !deferred[plot as usize] && !self.columns.is_taken(plot);
             let scores = claim.plots(claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];

@@ -2,7 +2,6 @@
 
 use super::Track;
 use crate::base::plane::Plane;
-use crate::tracker::motion::estimate::Estimate;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
@@ -12,19 +11,13 @@ const MOVED: f64 = 16.0;
 impl Track {
     /// Corrects by a plot.
     pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
-        let estimate = self.estimate;
-        self.correct_widened(plot, &estimate, settings);
+        self.correct_widened(plot, self.estimate.position_covariance(), settings);
     }
 
-    /// Corrects by a plot for which the estimate was widened; `before` is the estimate before it
-    /// was widened.
-    pub(super) fn correct_widened(
-        &mut self,
-        plot: &Measured,
-        before: &Estimate<4>,
-        settings: &Settings,
-    ) {
-        let [wide, own] = [&self.estimate, before].map(Estimate::position_covariance);
+    /// Corrects by a plot for which the estimate was widened; `own` is the covariance of the position
+    /// before it was widened.
+    pub(super) fn correct_widened(&mut self, plot: &Measured, own: Plane, settings: &Settings) {
+        let wide = self.estimate.position_covariance();
         // the plot that confirms a track says nothing about the models that begin with it
         let was_confirmed = self.is_confirmed();
         self.correct_by(plot, settings);

@@ -105,13 +105,13 @@ impl Track {
     /// Corrects by a plot on the assumption that the target has accelerated.
     pub fn take_guarded(&mut self, plot: &Measured, surprise: &Surprise, settings: &Settings) {
         let Surprise { acceleration, gap, probability, is_sharp, .. } = *surprise;
-        let before = self.estimate;
+        let before = self.estimate.position_covariance();
         self.filter.widen(acceleration, gap, probability);
         if is_sharp {
             self.filter.free_turns();
         }
         self.estimate = self.filter.estimate();
-        self.correct_widened(plot, &before, settings);
+        self.correct_widened(plot, before, settings);
     }
 
     /// Whether the decision may be left to the next plot. Hypotheses do that by themselves, the

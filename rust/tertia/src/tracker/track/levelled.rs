@@ -9,7 +9,6 @@ use super::super::settings::Settings;
 use super::Track;
 use crate::base::plane::Plane;
 use crate::geo::ellipsoid::RADIUS;
-use crate::sensors::Radar;
 
 /// Least information about the height in a range, as a share of what is already known: heights are
 /// not learned from less.
@@ -130,7 +129,9 @@ impl Track {
             }
         };
         if let Some(lean) = &self.lean {
-            variance = self.vertical_for(plot).height_variance();
+            if !matches!(plot.source, Source::Slant { .. }) {
+                variance = self.vertical_for(plot).height_variance();
+            }
             let own = lean.position(t);
             by_height = [by_height[0] + own[0], by_height[1] + own[1]];
         }
@@ -235,13 +236,10 @@ impl Track {
     }
 
     /// How far the height of the target may move its plot of a radar, m, if plots have no heights:
-    /// those were placed at heights from `lowest` to `highest`.
-    pub fn sway(
-        &self,
-        (radar, site): (&Radar, f64),
-        (time, centre): (f64, [f64; 2]),
-        placed: Option<[f64; 2]>,
-    ) -> f64 {
+    /// those were placed at heights from `lowest` to `highest`. The radar stands at the height `site`,
+    /// at this distance from the target.
+    #[inline]
+    pub fn sway(&self, (site, distance): (f64, f64), time: f64, placed: Option<[f64; 2]>) -> f64 {
         let mut slope = self.lean.as_ref().map_or(0.0, |lean| {
             let [x, y] = lean.position(0.0);
             (x * x + y * y).sqrt()
@@ -254,7 +252,6 @@ impl Track {
         let sigma = vertical.map_or(0.0, |vertical| vertical.height_variance().sqrt());
         if let Some([lowest, highest]) = placed {
             let up = vertical.map_or(lowest, |vertical| vertical.height) - site;
-            let distance = radar.about(centre);
             let slant = distance * distance + up * up;
             let curved = distance / RADIUS;
             for level in [lowest - site, highest - site] {

@@ -109,11 +109,11 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, claimed, deferred, settings, clutter, .. }: View<'_>,
+        View { plots, claimed, deferred, settings, rates, .. }: View<'_>,
     ) -> Vec<Vec<Scored>> {
         let radar = plots[group[0].root as usize].radar;
         let station = &settings.radars[radar];
-        let odds = settings.odds(radar, clutter[radar].density(station));
+        let odds = rates.odds[radar];
         let mut states = Vec::with_capacity(group.len());
         for (row, claim) in group.iter().enumerate() {
             let track = &mut *tracks[claim.track as usize];
@@ -289,13 +289,13 @@ impl Share {
         tracks: &[&mut Track],
         view: View<'_>,
     ) -> Vec<Unresolved> {
-        let View { plots, claimed, deferred, settings, clutter, .. } = view;
+        let View { plots, claimed, deferred, settings, rates, .. } = view;
         let number = plots[group[0].root as usize].radar;
         let radar = &settings.radars[number];
         if radar.resolution.is_none() {
             return Vec::new();
         }
-        let odds = settings.odds(number, clutter[number].density(radar));
+        let odds = rates.odds[number];
         let state = |i: usize| tracks[group[doubt.rows[i]].track as usize].state(ids[i]);
         let mut found = Vec::new();
         for (second, &row) in doubt.rows.iter().enumerate() {
@@ -386,11 +386,11 @@ impl Share {
         doubt: &mut Doubt,
         group: &[Claim],
         tracks: &[&mut Track],
-        View { plots, claimed, deferred, settings, clutter, .. }: View<'_>,
+        View { plots, claimed, deferred, settings, rates, .. }: View<'_>,
     ) {
         let radar = plots[group[0].root as usize].radar;
         let station = &settings.radars[radar];
-        let odds = settings.odds(radar, clutter[radar].density(station));
+        let odds = rates.odds[radar];
         for survivor in &mut doubt.survivors {
             for (i, &row) in doubt.rows.iter().enumerate() {
                 if survivor.taken[i] != Taken::Nothing {

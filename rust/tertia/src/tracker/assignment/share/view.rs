@@ -35,6 +35,23 @@ pub(in crate::tracker) struct Given {
     pub(super) row: u32,
 }
 
+/// False plots of each radar, which do not change while plots are assigned.
+pub(in crate::tracker) struct Rates {
+    /// Density, 1/m².
+    pub density: Vec<f64>,
+    /// Logarithm of the odds of a target rather than a false plot, before a plot is compared with the prediction.
+    pub odds: Vec<f64>,
+}
+
+impl Rates {
+    pub fn of(clutter: &[Clutter], settings: &Settings) -> Self {
+        let of_each = clutter.iter().zip(&settings.radars);
+        let density: Vec<_> = of_each.map(|(own, radar)| own.density(radar)).collect();
+        let odds = (0..density.len()).map(|radar| settings.odds(radar, density[radar])).collect();
+        Self { density, odds }
+    }
+}
+
 /// What all threads see of a scan.
 #[derive(Clone, Copy)]
 pub(in crate::tracker) struct View<'a> {
@@ -50,6 +67,7 @@ pub(in crate::tracker) struct View<'a> {
     pub reflections: &'a Reflections,
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
+    pub rates: &'a Rates,
     pub noise: &'a [Noise],
     /// Clusters of tracks whose states depend on one another.
     pub cells: &'a Cells,

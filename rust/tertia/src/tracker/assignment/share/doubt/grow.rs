@@ -16,9 +16,9 @@ pub(super) struct Grown {
 impl Doubt {
     /// Corrects each state by each of the plots that it takes in a survivor.
     pub(super) fn grow(&self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) -> Grown {
-        let View { plots, settings, clutter, .. } = view;
+        let View { plots, settings, rates, .. } = view;
         let radar = plots[group[0].root as usize].radar;
-        let odds = settings.odds(radar, clutter[radar].density(&settings.radars[radar]));
+        let odds = rates.odds[radar];
         let mut of = vec![Vec::with_capacity(self.rows.len()); self.survivors.len()];
         let mut all = Vec::with_capacity(self.rows.len());
         // tracks without their trees are copied quickly
