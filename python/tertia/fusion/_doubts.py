@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import BoolArray, FloatArray, spread
 
 # share of the plots of a radar from which on they are no single outliers, and least number of plots
 _MOST, _FEWEST = 0.5, 10
@@ -41,12 +41,15 @@ def doubt_radars(outlier: BoolArray, there: BoolArray) -> None:
 
 def doubt_copies(z: FloatArray) -> None:
     """Warn if two radars give the same plots, (..., K, steps)."""
-    if z.shape[-2] > _MOST_RADARS:
+    if z.shape[-1] < _FEWEST or z.shape[-2] > _MOST_RADARS:
         return
     for a, b in itertools.combinations(range(z.shape[-2]), 2):
         one, other = z[..., a, :], z[..., b, :]
+        equal = one == other
+        if not np.count_nonzero(equal):
+            continue
         both = np.sum(~np.isnan(one) & ~np.isnan(other), axis=-1)
-        same = np.sum(one == other, axis=-1) > _SAME * both
+        same = np.sum(equal, axis=-1) > _SAME * both
         # in coarse steps, many plots are the same by chance
         is_coarse = np.sum(one[..., 1:] == one[..., :-1], axis=-1) > _COARSE * both
         if np.any((both >= _FEWEST) & same & ~is_coarse):
@@ -58,16 +61,23 @@ def doubt_copies(z: FloatArray) -> None:
             return
 
 
-def doubt_errors(away: FloatArray, variance: FloatArray, period: float | None) -> None:
+def doubt_errors(
+    z: FloatArray,
+    outlier: BoolArray,
+    angle: FloatArray,
+    variance: FloatArray,
+    period: float | None,
+) -> None:
     """Warn if errors last that are as large as the noise, and at most half of the radars agree.
 
-    `away`, (..., K, steps), are differences of the plots from the track; nan where there is no
-    plot. `variance` is the stated variance of the plots, of the same shape.
+    `z` are the plots, (..., K, steps), with their outliers, `angle` is the track, (..., steps), and
+    `variance` the stated variance of the plots.
     """
-    *_, radars, steps = away.shape
+    *_, radars, steps = z.shape
     blocks = steps // _BLOCK
     if not 1 < radars <= _MOST_RADARS or blocks < _BLOCKS:
         return
+    away = np.where(outlier, np.nan, z - angle[..., np.newaxis, :])
     if period is not None:
         away = (away + 0.5 * period) % period - 0.5 * period
     rows = away.reshape(-1, radars, steps)[..., : blocks * _BLOCK]
@@ -75,7 +85,7 @@ def doubt_errors(away: FloatArray, variance: FloatArray, period: float | None) -
     count = np.sum(~np.isnan(rows), axis=-1)
     mean = np.nansum(rows, axis=-1) / np.maximum(count, 1)
     squares = np.nansum((rows - mean[..., np.newaxis]) ** 2, axis=-1)
-    stated = np.mean(variance.reshape(-1, radars, steps), axis=-1)
+    stated = np.mean(spread(variance, z.shape).reshape(-1, radars, steps), axis=-1)
     noise = np.maximum(squares / np.maximum(count - 1, 1), stated[..., np.newaxis])
     differ = np.zeros((len(rows), radars, radars), dtype=bool)
     for a, b in itertools.combinations(range(radars), 2):

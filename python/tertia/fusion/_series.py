@@ -316,9 +316,8 @@ def fuse_series(
         if np.count_nonzero(outlier):
             doubt_radars(outlier & ~repeated, ~np.isnan(plots) & ~repeated)
         doubt_copies(plots)
-        if prior is None and not np.any(lasting):
-            away = np.where(outlier, np.nan, plots - mean[..., np.newaxis, :, 0])
-            doubt_errors(away, spread(stated, plots.shape), wrap)
+        if prior is None and not np.count_nonzero(lasting):
+            doubt_errors(plots, outlier, mean[..., 0], stated, wrap)
     if np.count_nonzero(lasting):
         variance = spread(stated, plots.shape)
         is_bound = method == "covariance-intersection"
