@@ -176,11 +176,23 @@ const CERTAIN: f64 = 1.0;
 const GAIN: f64 = 1e-7;
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
+/// A motion with its log-likelihood.
+pub(super) type Likely = (ProcessNoiseFit, f64);
+
 /// Returns the motion that makes the plots most likely, with white jerk or with white acceleration. Cost:
-/// about 30 filters for each of the two families that is searched.
+/// about 20 filters for each of the two families that is searched.
 pub fn fit_process_noise(track: &Track<'_>, workspace: &mut Workspace) -> ProcessNoiseFit {
+    fit_both_families(track, workspace).0
+}
+
+/// As [`fit_process_noise`]; also returns the likeliest motion with white acceleration, if that was searched
+/// and was not chosen.
+pub(super) fn fit_both_families(
+    track: &Track<'_>,
+    workspace: &mut Workspace,
+) -> (ProcessNoiseFit, Option<Likely>) {
     let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
-    likeliest(track, None, &mut value)
+    compare_families(track, None, &mut value)
 }
 
 /// As [`fit_process_noise`], with any function that computes the likelihood. The search starts near another
@@ -191,6 +203,15 @@ pub(crate) fn likeliest(
     near: Option<ProcessNoise>,
     value: &mut impl FnMut(ProcessNoise) -> f64,
 ) -> ProcessNoiseFit {
+    compare_families(track, near, value).0
+}
+
+/// As [`likeliest`]; also returns the motion of the other family, if that was searched and was not chosen.
+fn compare_families(
+    track: &Track<'_>,
+    near: Option<ProcessNoise>,
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> (ProcessNoiseFit, Option<Likely>) {
     let family = near.map_or(Family::Jerk, Family::that_has);
     let log = near.map(|motion| family.log(motion)).filter(|log| log.is_finite());
     let (fit, top) = search(track, family, log, value);
@@ -200,8 +221,8 @@ pub(crate) fn likeliest(
         Family::Acceleration | Family::Velocity => (f64::NEG_INFINITY, -CERTAIN),
     };
     match likeliest_other(track, fit.motion, least, value) {
-        Some((other, higher)) if higher > top + gain => other,
-        _ => fit,
+        Some((other, higher)) if higher > top + gain => (other, None),
+        other => (fit, other),
     }
 }
 
@@ -212,7 +233,7 @@ pub(crate) fn likeliest_other(
     motion: ProcessNoise,
     least: f64,
     value: &mut impl FnMut(ProcessNoise) -> f64,
-) -> Option<(ProcessNoiseFit, f64)> {
+) -> Option<Likely> {
     likeliest_of(Family::that_has(motion).other(), track, motion, least, value)
 }
 
@@ -267,6 +288,10 @@ fn search(
         Some(found) => found,
         None => {
             let (best, last) = scan(low, high, value);
+            // the likelihood is linear in an intensity as low as this, and falls
+            if best.0 == low && value(f64::NEG_INFINITY) >= best.1 {
+                return (ProcessNoiseFit::UNDETERMINED, best.1);
+            }
             if best.0 == last {
                 return (
                     ProcessNoiseFit { motion: of(last), relative_error: f64::INFINITY },
@@ -395,6 +420,11 @@ fn maximum(
         before = step;
         if parabola {
             step = p / q;
+            // next to a bound, the other side of the best point is left
+            let at = best.0 + step;
+            if at - low < 2.0 * SETTLED || high - at < 2.0 * SETTLED {
+                step = SETTLED.copysign(middle - best.0);
+            }
         } else {
             before = if best.0 < middle { high - best.0 } else { low - best.0 };
             step = GOLDEN * before;

@@ -7,7 +7,9 @@
 
 use super::expected::Expected;
 use super::faults::{find_faults, find_rough_faults};
-use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
+use super::fit::{
+    Family, Likely, ProcessNoiseFit, fit_both_families, likeliest_other, median_step,
+};
 use super::interleaved::Interleaved;
 use super::lasting::Found;
 use super::model::{Faults, LastingNoise, Model};
@@ -98,11 +100,12 @@ pub fn smooth_with_noise(
     outlier: &mut [bool],
 ) -> (Summary, NoiseFit) {
     outlier.fill(false);
-    let fit = match options.jerk {
+    let (fit, other) = match options.jerk {
         Some(jerk) => {
-            ProcessNoiseFit { motion: ProcessNoise::with_jerk(jerk), relative_error: 0.0 }
+            let motion = ProcessNoise::with_jerk(jerk);
+            (ProcessNoiseFit { motion, relative_error: 0.0 }, None)
         }
-        None => fit_process_noise(track, workspace),
+        None => fit_both_families(track, workspace),
     };
     let summary = smooth(track, fit.motion, workspace, out);
     let improved = if options.correlation_time.is_some_and(|time| time > 0.0)
@@ -122,7 +125,7 @@ pub fn smooth_with_noise(
     };
     let noise = improved.unwrap_or_else(|| {
         if options.jerk.is_none() {
-            add_other_family(track, &fit, summary.log_likelihood, workspace, out);
+            add_other_family(track, (&fit, other), summary.log_likelihood, workspace, out);
         }
         NoiseFit::as_stated(fit)
     });
@@ -130,24 +133,24 @@ pub fn smooth_with_noise(
 }
 
 /// Includes the motion of the other family in the covariance, if this motion is likely: the covariance
-/// becomes the second moment of the mixture of both about the mean, which does not change.
+/// becomes the second moment of the mixture of both about the mean, which does not change. `other` is this
+/// motion if it is known from the fit.
 fn add_other_family(
     track: &Track<'_>,
-    fit: &ProcessNoiseFit,
+    (fit, other): (&ProcessNoiseFit, Option<Likely>),
     top: f64,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) {
     let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
     let least = top + LEAST_WEIGHT.ln();
-    let Some((other, value)) = likeliest_other(track, fit.motion, least, &mut value) else {
+    let other = other.or_else(|| likeliest_other(track, fit.motion, least, &mut value));
+    let Some((other, value)) = other else {
         return;
     };
     let weight = 1.0 / (1.0 + (top - value).exp());
     let (mut mean, mut covariance) = (out.mean.to_vec(), out.covariance.to_vec());
-    let mut innovation = out.innovation.to_vec();
-    let mut found =
-        Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
+    let mut found = Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut [] };
     smooth(track, other.motion, workspace, &mut found);
     let n = 3 * track.dimension;
     for (at, own) in out.covariance.iter_mut().enumerate() {

@@ -102,8 +102,9 @@ fn forwards(
             information.advance(n, track, k - 1, motion, Direction::Forwards, &mut logarithms);
         }
         for part in track.parts() {
-            if let Some(innovations) = &mut innovations {
-                let out = &mut innovations[k * track.numbers..][part.clone()];
+            let all = innovations.as_deref_mut().unwrap_or_default();
+            if let Some(out) = all.chunks_exact_mut(track.numbers).nth(k) {
+                let out = &mut out[part.clone()];
                 whitening.innovation(n, track, k, part.start, information, out);
             }
             squares += information.observe(n, track, k, part);
