@@ -493,3 +493,16 @@ def test_a_path_without_beacons_is_found_whatever_the_start(order: list[int]) ->
     known = np.searchsorted(time, track.time + 4.0) - 1
     off = track.position - truth[known]
     assert np.median(np.hypot(*off.T)) < 5.0
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_wrong_survey_is_told_and_not_used(seed: int) -> None:
+    scene = net(seed, k=8, emissions=60)
+    wrong = scene.stations[5]
+    scene.stations[5] = Station(wrong.position + np.array([25.0, -15.0]), position_sigma=1.0)
+    with pytest.warns(UserWarning, match="the position of station 5: it is .* m from the stated"):
+        track = solved(scene)
+    near = np.argmin(np.abs(scene.time[:, np.newaxis] - track.time), axis=0)
+    error = track.position - scene.source[near]
+    assert np.mean(in_region(error, track.covariance[:, :2, :2])) >= 0.8
+    assert np.linalg.norm(track.stations[5].position - wrong.position) < 8.0

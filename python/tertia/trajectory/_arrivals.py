@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
@@ -15,6 +16,7 @@ from tertia.sensors import Station
 from tertia.sensors._sensors import stack_stations
 from tertia.trajectory._arrivals_result import Arrivals, ArrivalTrajectory
 from tertia.trajectory._clocks import ClockBias
+from tertia.trajectory._surveys import solve_without_wrong_surveys
 
 Beacon: TypeAlias = int | Station | npt.ArrayLike
 
@@ -140,7 +142,8 @@ def reconstruct_arrivals(
     -----
     UserWarning
         If receivers are nearly in a plane, and it is open on which side of it the emitters are, or
-        emitters are found below all receivers.
+        emitters are found below all receivers. If the arrivals contradict the surveyed position of
+        a receiver, which is then estimated almost without its survey (see Notes).
 
     Notes
     -----
@@ -162,7 +165,11 @@ def reconstruct_arrivals(
     all are estimated on each side. The likelier side is taken, at prior odds of a thousand to one
     for that above the receivers.
 
-    If the surveyed positions are wrong by more than `position_sigma`, or the motion is much
+    If the position of a receiver is so far from its survey that this happens by chance in one of a
+    million nets, everything is estimated again with 30 times the `position_sigma` of the worst one.
+    The result is used if it contradicts no survey. At most one of four surveys is taken for wrong.
+
+    If many surveyed positions are wrong by more than `position_sigma`, or the motion is much
     smoother than assumed, the estimated propagation speed is wrong. To detect this, check
     `propagation_speed_deviation`.
 
@@ -211,7 +218,17 @@ def reconstruct_arrivals(
     sites, site_sigma, beacon = _beacons(beacons, names, known, places)
     is_base, offset = _time_base(known)
     sigma, _ = _sigmas(known, speed)
-    found = _core.reconstruct_arrivals(
+    called = [one.name or f"station {at}" for at, one in enumerate(known)]
+    found = solve_without_wrong_surveys(
+        partial(
+            _core.reconstruct_arrivals,
+            recorded={
+                "time": heard.time - offset[heard.sensor],
+                "sensor": heard.sensor.tolist(),
+                "identity": identity.tolist(),
+                "emission": _emission(heard),
+            },
+        ),
         {
             "sites": sites,
             "site_sigma": site_sigma,
@@ -224,12 +241,7 @@ def reconstruct_arrivals(
             "clock_drift": None if clock_drift is None else float(clock_drift),
             "jerk": None if jerk is None else float(jerk),
         },
-        {
-            "time": heard.time - offset[heard.sensor],
-            "sensor": heard.sensor.tolist(),
-            "identity": identity.tolist(),
-            "emission": _emission(heard),
-        },
+        called,
     )
     if found["failure"] is not None:
         why, numbers = found["failure"]
