@@ -291,3 +291,13 @@ def test_a_location_far_from_those_before_and_after_is_not_followed():
     track = reconstruct(receivers, time, arrival_time=arrival, height=path[:, 2], height_sigma=10.0)
     assert np.max(np.abs(track.position - path)) < 50.0
     assert not np.any(track.height_outlier)
+
+
+def test_a_lasting_error_of_heights_does_not_shrink_with_the_noise_of_ranges():
+    rng = np.random.default_rng(8)
+    given = {"range": ranges(rng, 4), "height": PATH[:, 2], "height_sigma": 3 * HEIGHT}
+    right, large = (
+        reconstruct(stations(4, range_sigma=factor * RANGE), TIME, **given) for factor in (1, 3)
+    )
+    sigmas = [np.median(np.sqrt(track.covariance[:, 2, 2])) for track in (right, large)]
+    assert sigmas[1] > 0.95 * sigmas[0]

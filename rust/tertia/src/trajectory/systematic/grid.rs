@@ -220,8 +220,22 @@ impl<'a> Grid<'a> {
         point
     }
 
+    /// Returns the points that matter, with their probabilities and the growth of the noise. The growth
+    /// multiplies all errors, so if the noise is smaller than stated, the stated sizes of lasting errors are
+    /// increased first: they do not depend on the noise.
+    pub fn weighed_as_stated(&mut self) -> Vec<Weighed> {
+        let points = self.weighed();
+        let growth: f64 = points.iter().map(|one| one.probability * one.growth).sum();
+        if growth >= 1.0 || self.kind.iter().all(Option::is_some) {
+            return points;
+        }
+        let stated = self.sigma.iter_mut().zip(&self.kind).filter(|(_, kind)| kind.is_none());
+        stated.for_each(|(sigma, _)| *sigma /= growth.sqrt());
+        self.weighed()
+    }
+
     /// Returns the points that matter, with their probabilities and the growth of the noise.
-    pub fn weighed(&self) -> Vec<Weighed> {
+    fn weighed(&self) -> Vec<Weighed> {
         let mut points = self.searched();
         exponentials(&mut points, |one| &mut one.probability);
         points.retain(|one| one.probability > UNLIKELY);

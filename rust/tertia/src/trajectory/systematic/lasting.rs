@@ -143,7 +143,7 @@ impl Lasting {
             if given.is_nan() { record.sigmas[*column] } else { given }
         };
         let sigmas: Vec<f64> = columns.iter().map(stated).collect();
-        let grid = Grid::new(record, blocks, prior, columns);
+        let mut grid = Grid::new(record, blocks, prior, columns);
         let mut lasting = Self {
             columns: columns.to_vec(),
             values: DVector::zeros(c),
@@ -163,7 +163,7 @@ impl Lasting {
         };
         let mut parts = Vec::new();
         let (mut whole, mut drifting, mut times) = (0.0, 0.0, 0.0);
-        for Weighed { point, sums, probability: w, growth } in &grid.weighed() {
+        for Weighed { point, sums, probability: w, growth } in &grid.weighed_as_stated() {
             let (mean, covariance) = sums.constants(&point.constant);
             lasting.growth += w * growth;
             lasting.nothing += if point.is_nothing() { *w } else { 0.0 };
