@@ -47,7 +47,7 @@ mod merged;
 mod missed;
 mod moving;
 mod reflected;
-mod sharp;
+pub(super) mod sharp;
 mod sighted;
 mod states;
 #[cfg(test)]
