@@ -3,3 +3,4 @@
 pub(super) mod delay;
 pub(super) mod differences;
 pub(super) mod quality;
+pub(super) mod rounding;

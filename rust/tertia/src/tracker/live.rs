@@ -300,6 +300,7 @@ impl Tracker {
         let threads = threads(n_threads, self.waiting.len() + now.len());
         self.finish(next.min(end), rows, threads);
         self.bury(threads);
+        self.see_values(plots, now);
         let assumed = use_found(&mut self.settings.radars, &mut self.noise);
         let shares = self.noise.iter().map(|noise| noise.unidentified.share());
         self.settings.unidentified = shares.collect();
@@ -313,8 +314,10 @@ impl Tracker {
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
-            let ratio = self.settings.quality(plot.radar).ratio;
-            measured.widen(ratio, &self.noise[plot.radar].individual);
+            let (noise, quality) = (&self.noise[plot.radar], self.settings.quality(plot.radar));
+            if geometry.is_position() {
+                measured.widen((noise.values.variances(), quality.ratio), &noise.individual);
+            }
             measured.gain = clutter[plot.radar].gain(&measured);
             measured
         };
@@ -359,6 +362,16 @@ impl Tracker {
         }
         self.finish(hold.min(end), rows, threads);
         assume(&mut self.settings.radars, &assumed);
+    }
+
+    /// Learns from new plots whether the values of their sensors are rounded.
+    fn see_values<P: Plots + ?Sized>(&mut self, plots: &P, now: &[(f64, usize)]) {
+        if self.noise.iter().any(|noise| noise.values.may_be_rounded()) {
+            for &(_, i) in now {
+                let (plot, measured) = (plots.get(i), plots.measured(i));
+                self.noise[plot.radar].saw_values(&plot, measured, &self.settings);
+            }
+        }
     }
 
     /// Gives the last plots, if some were combined with others, the status of these.

@@ -13,24 +13,23 @@ pub(super) mod doubles;
 pub(super) mod outliers;
 pub(super) mod repeats;
 mod turning;
+mod unidentified;
 
 use super::errors::differences::{ENOUGH, SURE, Size, THIRD, WINDOW};
 use super::errors::quality::{Quality, Reports};
+use super::errors::rounding::Values;
 use super::plot::individual::{Individual, key};
-use super::plot::{Measured, Source};
+use super::plot::{Measured, Plot, Source, stated};
 use super::settings::Settings;
+use crate::base::plane::Plane;
 use crate::sensors::{Detection, Radar};
 use outliers::Outliers;
 use repeats::Interval;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_2_PI;
 use turning::Turning;
+use unidentified::Unidentified;
 
-/// Number of plots over which the share of those without an identity is taken, number of such plots that are
-/// assumed at first, and least share.
-const REMEMBERED: f64 = 2000.0;
-const AT_FIRST: f64 = 4.0;
-const LEAST_SHARE: f64 = 0.01;
 /// Number of tracks of a sensor that are used at the same time.
 const TRACKS: u64 = 64;
 /// Standard deviations, times the root of the number of differences, of the contrast if errors are independent,
@@ -144,25 +143,6 @@ fn correlation(function: impl Fn(f64) -> f64, value: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// How many plots of targets with a known identity have none.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Unidentified {
-    plots: f64,
-    count: f64,
-}
-
-impl Unidentified {
-    pub fn saw(&mut self, is_one: bool) {
-        self.plots = (1.0 - 1.0 / REMEMBERED) * self.plots + 1.0;
-        self.count = (1.0 - 1.0 / REMEMBERED) * self.count + f64::from(u8::from(is_one));
-    }
-
-    /// Their share.
-    pub fn share(&self) -> f64 {
-        ((self.count + AT_FIRST) / (self.plots + AT_FIRST)).max(LEAST_SHARE)
-    }
-}
-
 /// Plots of a track by one sensor in successive scans.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Chain {
@@ -194,6 +174,8 @@ pub(super) struct Noise {
     /// Errors of the reports of a sensor of positions.
     pub reports: Reports,
     pub individual: Individual,
+    /// Ranges and azimuths, or coordinates.
+    pub values: Values,
     chains: Vec<Chain>,
 }
 
@@ -210,6 +192,7 @@ impl Noise {
             unidentified: Unidentified::default(),
             reports: Reports::default(),
             individual: Individual::default(),
+            values: Values::default(),
             chains: Vec::new(),
         }
     }
@@ -219,6 +202,19 @@ impl Noise {
         self.chains.clear();
         self.reports.restart();
         self.individual.restart();
+    }
+
+    /// Learns from the values of a plot, with this range and azimuth before corrections, whether they are rounded.
+    #[cold]
+    pub fn saw_values(&mut self, plot: &Plot, measured: [f64; 2], settings: &Settings) {
+        match plot.report {
+            Some(own) if settings.geometry(plot.radar).is_position() => {
+                let Plane { xx, yy, .. } =
+                    stated(own.covariance, self.stated[0]).unwrap_or_default();
+                self.values.saw_coordinates(own.position, [xx.sqrt(), yy.sqrt()]);
+            }
+            _ => self.values.saw(measured, self.stated),
+        }
     }
 
     /// Updates the estimates by a plot of a confirmed track.
@@ -331,6 +327,7 @@ impl Noise {
         let is_other = ratio > DIFFERENT * DIFFERENT || clock > 0.0;
         is_other
             || self.individual.differs()
+            || self.values.variances() != [0.0; 2]
             || self.interval.is_shorter()
             || self.found().into_iter().zip(self.stated).any(is_noisier)
     }
@@ -353,7 +350,7 @@ impl Noise {
     /// Returns the standard deviations of range and azimuth for tracking: the `assumed` ones, or the
     /// estimated ones if these are larger.
     pub fn use_with(&mut self, assumed: [f64; 2]) -> [f64; 2] {
-        let factors = self.factors(GAIN);
+        let (assumed, factors) = (self.values.recorded(assumed), self.factors(GAIN));
         self.used = [0, 1].map(|i| {
             let factor = factors[i];
             if factor > 1.0 { assumed[i].max(factor.sqrt() * self.stated[i]) } else { assumed[i] }
@@ -380,7 +377,7 @@ pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 
     let found: Vec<_> = noise.iter_mut().zip(&assumed).map(|(n, own)| n.use_with(*own)).collect();
     for ((radar, noise), own) in radars.iter_mut().zip(&*noise).zip(&assumed) {
         if let Some(ways) = &mut radar.ways {
-            ways.assume(*own, noise.stated, noise.factors(GAIN));
+            ways.assume(noise.values.recorded(*own), noise.stated, noise.factors(GAIN));
         }
     }
     assume(radars, &found);
@@ -459,16 +456,6 @@ mod tests {
         assert_eq!(twice.use_with([500.0, 1e-2]), [500.0, 1e-2]);
         assert_within(0.5, found(1.0, 0.0, 12).told(), 1.2);
         assert!(Noise::new(&radar_of(stated)).told().is_nan());
-    }
-
-    #[test]
-    fn few_plots_of_targets_that_reply_have_no_identity() {
-        let mut found = Unidentified::default();
-        assert_eq!(found.share(), 1.0);
-        (0..10_000).for_each(|plot| found.saw(plot % 20 == 0));
-        assert_within(0.05, found.share(), 0.05);
-        (0..20_000).for_each(|_| found.saw(false));
-        assert_eq!(found.share(), LEAST_SHARE);
     }
 
     #[test]

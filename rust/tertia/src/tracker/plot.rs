@@ -376,11 +376,14 @@ impl Measured {
         own
     }
 
-    /// Multiplies the covariance of a reported position by this ratio, and by that of its target.
+    /// Adds the variances of rounded coordinates to the covariance of a reported position, and multiplies it by
+    /// this ratio, and by that of its target.
     #[inline]
-    pub fn widen(&mut self, ratio: f64, individual: &Individual) {
+    pub fn widen(&mut self, (rounded, ratio): ([f64; 2], f64), individual: &Individual) {
         if let Source::Placed(noise) | Source::Moving(noise, _) = &mut self.source {
-            *noise = individual.noise(key(&self.identities), noise.scaled(ratio));
+            let [xx, yy] = rounded;
+            let noise_of_all = noise.plus(Plane { xx, xy: 0.0, yy });
+            *noise = individual.noise(key(&self.identities), noise_of_all.scaled(ratio));
         }
     }
 

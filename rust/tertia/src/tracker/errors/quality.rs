@@ -27,9 +27,12 @@ const SURE_CLOCK: f64 = 4.0;
 const STEPS: [f64; 7] = [10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1];
 const NEAR: f64 = 1e-6;
 const MOST_LASTING: f64 = 25.0;
-/// Number of different times in a scan from which on a radar turns, least mean cosine of the changes of the
-/// angle between plots and its beam, and least number of scans.
+/// Number of different times in a scan from which on a radar turns, or number of changes of the time within the
+/// scan if steps are at most this share of a scan; least mean cosine of the changes of the angle between plots and
+/// its beam; and least number of scans.
 const TURNING: f64 = 2.5;
+const CHANGES: f64 = 3.0;
+const SHORT: f64 = 0.35;
 const BEAM: f64 = 0.6;
 const FEWEST_SCANS: f64 = 5.0;
 /// Correlation of successive second differences of independent errors, and of random changes of the velocity;
@@ -68,9 +71,12 @@ struct Grid {
     count: f64,
     different: f64,
     is_off: [bool; STEPS.len()],
-    /// Angle of the last plot of a radar to its beam, and mean cosine of the changes of this angle.
+    /// Angle of the last plot of a radar to its beam, and mean cosine of the changes of this angle; time of the plot
+    /// within its scan, and number of changes of this time.
     angle: f64,
     beam: f64,
+    phase: f64,
+    changes: f64,
 }
 
 impl Grid {
@@ -96,7 +102,12 @@ impl Grid {
 
     /// Compares the azimuth of a plot of a radar with its beam, which turns once in a period.
     fn saw_beam(&mut self, time: f64, azimuth: f64, period: f64) {
-        let angle = azimuth - TAU * (time / period).fract();
+        let phase = (time / period).fract();
+        let angle = azimuth - TAU * phase;
+        let change = (phase - self.phase) - (phase - self.phase).round();
+        self.changes +=
+            f64::from(u8::from(self.count > 1.0 && change.abs() * period > NEAR.sqrt()));
+        self.phase = phase;
         self.beam += ((angle - self.angle).cos() - self.beam) / self.count;
         self.angle = angle;
     }
@@ -117,7 +128,9 @@ impl Grid {
     /// with the beam, nothing is concluded.
     fn of_radar(&self, period: f64) -> Quality {
         let (step, duration) = (self.step(), self.last - self.first.unwrap_or(self.last));
-        let is_turning = self.different * period > TURNING * duration && self.beam > BEAM;
+        let is_divided = self.changes >= CHANGES && step <= SHORT * period;
+        let is_turning = is_divided || self.different * period > TURNING * duration;
+        let is_turning = is_turning && self.beam > BEAM;
         if step == 0.0 || self.count < ENOUGH || !is_turning || duration < FEWEST_SCANS * period {
             return Quality::default();
         }
