@@ -6,7 +6,7 @@
 
 pub(crate) mod adjoint;
 mod alike;
-mod away;
+mod components;
 mod diffuse;
 mod expected;
 mod faults;

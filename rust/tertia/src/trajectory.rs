@@ -50,13 +50,13 @@ use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
 use corrections::differences::Received;
 use corrections::ranges::Proportional;
-use corrections::thinned::Thinned;
-use corrections::{clocks, growth, partly};
+use corrections::repeated::Thinned;
+use corrections::{clocks, growth, partly_wrong};
 use images::Side;
 use measured::{Measured, bending, extent, seen};
 use methods::{motion, result::residuals};
 use path::Path;
-use search::found::{Found, Setting};
+use search::fit::{Found, Setting};
 use std::rc::Rc;
 use systematic::bias::{self, Biases};
 use systematic::lasting::{self, Lasting};
@@ -141,7 +141,7 @@ fn without_wrong<const D: usize, const N: usize>(
 ) -> Result<Trajectory, Failure> {
     let Some(thinned) = Thinned::without_wrong::<D>(record, systematic) else {
         let solve = |record: &Record<'_>| sought::<D, N>(record, jerk, systematic);
-        return Ok(partly::without_wrong::<D, N>(record, solve(record)?, solve));
+        return Ok(partly_wrong::without_wrong::<D, N>(record, solve(record)?, solve));
     };
     let found = sought::<D, N>(&thinned.record(record), jerk, systematic)?;
     Ok(thinned.restored::<D, N>(record, found))

@@ -1,12 +1,12 @@
 //! Gauss–Newton and Newton steps on weighted, whitened residuals, with Levenberg damping.
 
 pub(super) mod block;
+mod costs;
 pub(super) mod doubt;
 pub(super) mod lane;
 mod lanes;
 pub(super) mod minimum;
 pub(super) mod starts;
-mod total;
 
 use crate::base::small::{Factor, Matrix, Vector, add_multiple, norm, quadratic};
 use crate::sensors::{Kind, Measurement, Row};

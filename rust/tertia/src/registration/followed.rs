@@ -3,8 +3,8 @@
 
 use super::block::Unknown;
 use super::effect::{Blocks, Effect, Part};
-use super::settled::{self, Gain, Settled, restrain};
 use super::sighting::{AZIMUTH, Errors, KINDS, Sighting, azimuth_of};
+use super::unaffected::{self, Gain, Settled, restrain};
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
@@ -168,7 +168,7 @@ impl Followed {
         let Some(moving) = reported else {
             return self.place(seen, noise, covariance, velocity, unknowns, interval);
         };
-        let before = settled::before(covariance, moving);
+        let before = unaffected::before(covariance, moving);
         self.place(seen, noise, &before, velocity, unknowns, interval);
         self.settle(&Settled::by_velocity(covariance, moving));
     }

@@ -4,7 +4,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::away::axes;
+use super::components::axes;
 use crate::base::small::{Matrix as Square, dot, product};
 
 /// Share of the information of the plots about the first state that must remain after rounding.

@@ -10,7 +10,7 @@
 mod start;
 
 use super::adjoint::update;
-use super::away::{Away, Faded, Turn, axes};
+use super::components::{Away, Faded, Turn, axes};
 use super::diffuse;
 use super::information::Logarithms;
 use super::model::{Faults, Model};

@@ -1,13 +1,13 @@
 //! Estimates the density of false plots (clutter) from the plots of tracks that are not confirmed.
 
 mod extent;
-mod fixed;
-mod patches;
+mod fixed_echoes;
+mod map;
 mod tally;
 pub(super) mod weighed;
 
 use super::filter::prospects::There;
-use super::noise::doubles::Seconds;
+use super::noise::duplicates::Seconds;
 use super::plot::Measured;
 use super::plot::level::Heights;
 use super::settings::Settings;
@@ -15,8 +15,8 @@ use super::settings::association::Association;
 use crate::base::batch::for_each_part;
 use crate::sensors::Radar;
 use extent::Extent;
-use fixed::Fixed;
-use patches::Patches;
+use fixed_echoes::Fixed;
+use map::Patches;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use tally::{Places, Tally, estimated, gain_by_way};

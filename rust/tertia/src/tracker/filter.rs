@@ -1,20 +1,20 @@
 //! The filter of a track, of the kind that its motion model requires.
 
+pub(super) mod azimuth;
 pub(super) mod follower;
-mod moving;
 pub(super) mod plan;
 pub(super) mod prospects;
 pub(super) mod resolution;
-pub(super) mod sight;
+mod velocity;
 mod window;
 
 use super::motion::agility::Agility;
-use super::motion::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
-use super::motion::circles::Circles;
+use super::motion::deviation::Swerve;
 use super::motion::estimate::{Estimate, Moments, POSITION};
+use super::motion::imm::{Bank, Component, PLAN, SPEED, TURN, changes};
 use super::motion::kinematics;
-use super::motion::speed::SpeedChange;
-use super::motion::swerve::Swerve;
+use super::motion::speed_change::SpeedChange;
+use super::motion::tight_turns::Circles;
 use super::motion::{ImmModel, Motion};
 use super::settings::Settings;
 use crate::base::plane::Plane;

@@ -6,7 +6,7 @@
 //! within the lag; after a late plot, processing starts again from the last copy before it.
 
 use super::live::control::Command;
-use super::live::kept::Kept;
+use super::live::snapshot::Kept;
 use super::live::{Part, Tracker};
 use super::noise::repeats::{WAITING, next_part};
 use super::plot::clock::Clock;

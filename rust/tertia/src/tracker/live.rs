@@ -1,17 +1,17 @@
 //! The tracker: all tracks and estimates, and how they are updated by plots, scan by scan.
 
 pub(super) mod control;
+mod delays;
 mod ending;
-mod found;
-pub(super) mod kept;
-mod late;
-mod shapes;
+mod estimates;
+mod extended_targets;
+pub(super) mod snapshot;
 
 use super::assignment::cluster::Clusters;
 use super::clutter::Clutter;
 use super::management::azimuths::Azimuths;
-use super::management::ended::Ended;
-use super::noise::doubles::Doubles;
+use super::management::ended_tracks::Ended;
+use super::noise::duplicates::Doubles;
 use super::noise::repeats::{ONCE, Repeats, WAITING, next_part};
 use super::noise::{Noise, assume, use_found};
 use super::plot::level::Level;
@@ -25,8 +25,8 @@ use crate::base::error::{Error, Result, require, require_positive};
 use crate::base::interrupt::poll;
 use crate::base::scratch::Scratch;
 use crate::sensors::Radar;
+use extended_targets::{Shapes, resolve};
 use serde::{Deserialize, Serialize};
-use shapes::{Shapes, resolve};
 use std::num::NonZero;
 
 /// A part of the plots. `now` contains times and indices of the plots to be processed, `levels` the heights

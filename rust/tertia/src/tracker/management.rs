@@ -2,9 +2,9 @@
 //! their gates.
 
 pub(super) mod azimuths;
-pub(super) mod ended;
-pub(super) mod origins;
+pub(super) mod due_flights;
+pub(super) mod ended_tracks;
+pub(super) mod hard_turns;
+pub(super) mod outlying_plots;
 pub(super) mod resume;
-pub(super) mod schedule;
-pub(super) mod sharp;
-pub(super) mod strays;
+pub(super) mod second_starts;

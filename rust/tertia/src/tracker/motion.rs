@@ -1,14 +1,14 @@
 //! Models of how targets move, and their parameters.
 
 pub(super) mod agility;
-pub(super) mod bank;
-pub(super) mod circles;
 pub(super) mod curve;
+pub(super) mod deviation;
 pub(super) mod estimate;
+pub(super) mod height_effect;
+pub(super) mod imm;
 pub(super) mod kinematics;
-pub(super) mod lean;
-pub(super) mod speed;
-pub(super) mod swerve;
+pub(super) mod speed_change;
+pub(super) mod tight_turns;
 pub(super) mod velocities;
 
 use crate::association::gate::{self, GUARD, INNER, OUTER};

@@ -7,9 +7,9 @@
 //! their contrast is nearly free of accelerations, too. Differences of targets that turn for long are left out.
 //! The estimates do not depend on the filters, which use the estimated noise.
 
-pub(super) mod common;
 pub(super) mod copies;
-pub(super) mod doubles;
+pub(super) mod duplicates;
+pub(super) mod lasting;
 pub(super) mod outliers;
 pub(super) mod repeats;
 mod turning;

@@ -4,20 +4,20 @@
 //! Components are independent of one another, so several threads settle them, and a track is in the cache for
 //! the plots of all its radars. Results are written in the order of the groups.
 
-use super::assignment::ahead::Ahead;
 use super::assignment::claim::{Around, Claim, Spread, is_near};
 use super::assignment::cluster::{Cells, Clusters};
 use super::assignment::groups::{root, sort, unite};
+use super::assignment::prefetch::Ahead;
 use super::assignment::share::{Rates, Share, Shares, View};
 use super::clutter::{self, Clutter};
-use super::management::ended::Ended;
-use super::management::origins::Origins;
+use super::management::due_flights::Schedule;
+use super::management::ended_tracks::Ended;
+use super::management::hard_turns::{self, Known};
+use super::management::outlying_plots;
 use super::management::resume::resume;
-use super::management::schedule::Schedule;
-use super::management::sharp::{self, Known};
-use super::management::strays;
+use super::management::second_starts::Origins;
 use super::noise::Noise;
-use super::noise::doubles::{self, Doubles, Near, Seconds};
+use super::noise::duplicates::{self, Doubles, Near, Seconds};
 use super::plot::{Measured, PlotStatus};
 use super::rows::row::{Row, Rows};
 use super::settings::Settings;
@@ -111,7 +111,7 @@ impl Scan {
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
         let free = (&mut self.taken[..], &self.deferred[..]);
-        let given = sharp::follow(sought, (&self.grid, &self.plots), free);
+        let given = hard_turns::follow(sought, (&self.grid, &self.plots), free);
         for (plot, track) in given {
             report(self.plots[plot].index, PlotStatus::Track(track));
         }
@@ -126,7 +126,7 @@ impl Scan {
         self.reflections.find(near, used, (sky.tracks, sky.settings));
         self.reflections.weigh(&self.plots, (sky.tracks, sky.settings));
         let tracks = (&mut sky.tracks[..], sky.settings);
-        strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
+        outlying_plots::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
         schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
         self.leave();
@@ -209,7 +209,7 @@ impl Scan {
     /// Leaves out second plots of targets, for radars that make many such plots.
     fn leave_out<R>(&mut self, sky: &Sky<'_, R>, report: &mut impl FnMut(usize, PlotStatus)) {
         let Self { grid, plots, left_out, .. } = self;
-        doubles::leave_out((grid, plots), sky.doubles, sky.settings, left_out);
+        duplicates::leave_out((grid, plots), sky.doubles, sky.settings, left_out);
         for (i, plot) in plots.iter().enumerate().filter(|(i, _)| left_out[*i]) {
             self.taken[i] = true;
             report(plot.index, PlotStatus::Duplicate);

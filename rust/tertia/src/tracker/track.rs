@@ -1,8 +1,8 @@
 //! One track: its filter, its stage, its identities and its plan.
 
-mod beams;
 pub(super) mod correlation;
 mod existence;
+mod expected_times;
 pub(super) mod reflections;
 mod rivals;
 mod suspicion;
@@ -14,10 +14,10 @@ use super::filter::Filter;
 use super::filter::plan::Guide;
 use super::filter::prospects::{Prospects, There};
 use super::motion::Motion;
+use super::motion::deviation::Swerve;
 use super::motion::estimate::Estimate;
-use super::motion::lean::Lean;
-use super::motion::swerve::Swerve;
-use super::noise::common::Common;
+use super::motion::height_effect::Lean;
+use super::noise::lasting::Common;
 use super::noise::outliers::Stray;
 use super::plot::{Measured, Source};
 use super::replies::height::Vertical;
@@ -28,9 +28,9 @@ use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
 use crate::sensors::Identities;
-use beams::{Beams, Expected};
 use correlation::Correlation;
 use existence::Existence;
+use expected_times::{Beams, Expected};
 use nalgebra::{SMatrix, SVector};
 use rivals::Rivals;
 use serde::{Deserialize, Serialize};
@@ -38,21 +38,21 @@ use suspicion::Suspicion;
 use tree::Tree;
 
 mod agile;
+mod azimuth;
 mod basis;
-mod delayed;
+mod delay;
 pub(super) mod fork;
-mod levelled;
+pub(super) mod hard_turn;
+mod height;
 mod life;
 mod merged;
-mod missed;
-mod moving;
+mod missed_detections;
 mod reflected;
-pub(super) mod sharp;
-mod sighted;
 mod states;
 #[cfg(test)]
 mod tests;
 mod unseen;
+mod velocity;
 
 use basis::Basis;
 

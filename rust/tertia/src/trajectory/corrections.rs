@@ -3,6 +3,6 @@
 pub(super) mod clocks;
 pub(super) mod differences;
 pub(super) mod growth;
-pub(super) mod partly;
+pub(super) mod partly_wrong;
 pub(super) mod ranges;
-pub(super) mod thinned;
+pub(super) mod repeated;

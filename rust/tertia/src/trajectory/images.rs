@@ -5,7 +5,7 @@ use super::instants::instant::Instant;
 use super::measured::{Measured, Record};
 use super::mirror::{ABOVE, AMBIGUOUS, Mirror};
 use super::path::failure::Failure;
-use super::search::found::{Found, Setting};
+use super::search::fit::{Found, Setting};
 use super::systematic::bias::weights;
 use super::systematic::prior::Systematic;
 use super::systematic::survey;

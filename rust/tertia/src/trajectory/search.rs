@@ -1,7 +1,7 @@
 //! Search for the path that fits all measurements except outliers.
 
+pub(super) mod asynchronous;
 mod crossings;
 mod damping;
-pub(super) mod found;
+pub(super) mod fit;
 mod outliers;
-pub(super) mod sought;

@@ -7,8 +7,8 @@
 //! residuals then require. The ellipse contains 95 % of the mixture over these factors, weighted by their
 //! restricted likelihood.
 
-use super::alone::{DOUBLINGS, UNLIKELY, prior};
 use super::contradiction::{Contradiction, Problem, Sums};
+use super::single_instant::{DOUBLINGS, UNLIKELY, prior};
 use crate::location::solver::growth::containing;
 use crate::location::solver::{Locator, Workspace};
 use crate::sensors::KINDS;

@@ -1,7 +1,7 @@
 //! Steps of several instants side by side, in the lanes of vectors.
 
+use super::costs::Total;
 use super::lane::{Lane, Lanes};
-use super::total::Total;
 use super::{Cost, Faults, HUBER, Loss, ROUNDING};
 use crate::base::small::REGULAR;
 use crate::base::vector::Vector;

@@ -1,7 +1,7 @@
 //! Costs of starting points, several of them side by side.
 
+use super::costs::Total;
 use super::lane::{LANES, Lanes};
-use super::total::Total;
 use super::{Cost, Loss};
 use crate::base::scratch::refill;
 use crate::base::small;

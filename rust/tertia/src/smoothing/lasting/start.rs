@@ -6,7 +6,7 @@ use super::super::rows::invert;
 use super::super::seen::ENOUGH;
 use super::super::track::Track;
 use crate::base::small::Matrix as Square;
-use crate::smoothing::away::axes;
+use crate::smoothing::components::axes;
 
 /// Variance of the first state relative to that given by the plots that determine it.
 pub(super) const VAGUE: f64 = 1e3;

@@ -1,8 +1,8 @@
 //! The part of a scan that one thread processes, and its results.
 
-use super::ahead::TOGETHER;
 use super::claim::{Around, Claim, Spread, reach};
 use super::cluster::Cluster;
+use super::prefetch::TOGETHER;
 use crate::association::{Assigner, Pair, is_inside};
 use crate::base::batch::{SHARES_PER_THREAD, for_each_part};
 use crate::tracker::noise::outliers::Stray;

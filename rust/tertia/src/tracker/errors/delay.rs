@@ -6,7 +6,7 @@
 //! The latter does not depend on how much delays differ, which is estimated from all tracks: as long as it is
 //! zero, tracks do not change.
 
-use crate::tracker::motion::lean::Lean;
+use crate::tracker::motion::height_effect::Lean;
 use serde::{Deserialize, Serialize};
 
 /// Time after which a plot says a third as much about the delay of its target, s.

@@ -4,9 +4,9 @@ use super::LEAST_DENSITY;
 use crate::base::plane::Plane;
 use crate::tracker::motion::ImmModel;
 use crate::tracker::motion::agility::Agility;
-use crate::tracker::motion::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
 use crate::tracker::motion::estimate::{Estimate, POSITION};
-use crate::tracker::motion::speed::SpeedChange;
+use crate::tracker::motion::imm::{Bank, Component, MODELS, SPEED, TURN, changes};
+use crate::tracker::motion::speed_change::SpeedChange;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 

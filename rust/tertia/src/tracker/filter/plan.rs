@@ -11,10 +11,10 @@ use crate::flightplan::{
     lead_ratio,
 };
 use crate::tracker::motion::ImmModel;
-use crate::tracker::motion::bank::{
+use crate::tracker::motion::estimate::Estimate;
+use crate::tracker::motion::imm::{
     Bank, PLAN, STRAIGHT, TURN, changes, entered, limited, without_rate,
 };
-use crate::tracker::motion::estimate::Estimate;
 use crate::tracker::motion::kinematics;
 use crate::tracker::settings::Settings;
 use nalgebra::{Matrix2, SMatrix, Vector2};

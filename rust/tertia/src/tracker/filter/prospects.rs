@@ -2,8 +2,8 @@
 //! flights or any other target, and the velocity may be wrong.
 
 use crate::base::plane::Plane;
-use crate::tracker::motion::bank::Component;
 use crate::tracker::motion::estimate::{Estimate, Moments, VELOCITY};
+use crate::tracker::motion::imm::Component;
 use crate::tracker::motion::kinematics;
 use crate::tracker::motion::velocities::Velocities;
 use crate::tracker::plot::Moving;

@@ -7,9 +7,9 @@
 use super::{Filter, LEAST_DENSITY};
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
-use crate::tracker::motion::bank::{Bank, Component, MODELS, PLAN, STRAIGHT, TURN};
 use crate::tracker::motion::estimate::Estimate;
-use crate::tracker::motion::speed::SpeedChange;
+use crate::tracker::motion::imm::{Bank, Component, MODELS, PLAN, STRAIGHT, TURN};
+use crate::tracker::motion::speed_change::SpeedChange;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Standard deviation of the share that each of two targets has in their plot: a half on average.

@@ -1,6 +1,6 @@
 //! Judges the times of plots that come live, and starts anew if time goes on from earlier ones.
 
-use super::super::management::ended::Ended;
+use super::super::management::ended_tracks::Ended;
 use super::super::plot::clock::{Clock, ClockDoubt, Limits, Verdict};
 use super::super::plot::{Plot, Plots};
 use super::super::rows::row::Rows;

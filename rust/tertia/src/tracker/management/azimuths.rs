@@ -5,7 +5,7 @@
 //! cannot tell apart take none of its azimuths: any assignment would be a guess, frame after frame.
 
 use crate::association::{Assigner, Pair};
-use crate::tracker::filter::sight::Sight;
+use crate::tracker::filter::azimuth::Sight;
 use crate::tracker::plot::{PlotStatus, Plots};
 use crate::tracker::rows::row::{Row, Rows};
 use crate::tracker::settings::Settings;

@@ -1,7 +1,7 @@
 //! Tracks that are continued under their old number: after a gap, by their identity, or after a
 //! manoeuvre that left all gates.
 
-use super::ended::{Ended, REMEMBERED, Spot, Stretch};
+use super::ended_tracks::{Ended, REMEMBERED, Spot, Stretch};
 use crate::association::Grid;
 use crate::sensors::{Identities, IdentityKind};
 use crate::tracker::noise::Noise;

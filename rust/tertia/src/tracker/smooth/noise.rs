@@ -1,7 +1,7 @@
 //! Covariances of the plots of tracks with the noise that the plots themselves show.
 
 use crate::base::plane::Plane;
-use crate::tracker::noise::common::Common;
+use crate::tracker::noise::lasting::Common;
 use crate::tracker::noise::{Noise, SMOOTHING};
 use crate::tracker::plot::individual::Individual;
 use crate::tracker::plot::{Measured, Source};

@@ -5,7 +5,7 @@ use super::suspicion::{EXTENT, Reflection};
 use super::{SOONEST, Track};
 use crate::base::plane::Plane;
 use crate::sensors::{Identities, IdentityKind};
-use crate::tracker::noise::doubles::Near;
+use crate::tracker::noise::duplicates::Near;
 use crate::tracker::plot::{Measured, Source};
 use crate::tracker::replies::identity::rarity;
 use crate::tracker::settings::Settings;

@@ -19,7 +19,7 @@ use crate::trajectory::measured::{Measured, Place, Record};
 use crate::trajectory::methods::result::Trajectory;
 use crate::trajectory::path::Path;
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting};
+use crate::trajectory::search::fit::{Found, Setting};
 use crate::trajectory::systematic::lasting;
 use crate::trajectory::systematic::prior::Systematic;
 use std::rc::Rc;

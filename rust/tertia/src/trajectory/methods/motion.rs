@@ -4,7 +4,7 @@ use crate::base::exponential::exponentials;
 use crate::smoothing::{Family, Part, Track};
 use crate::trajectory::path::Path;
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting, known};
+use crate::trajectory::search::fit::{Found, Setting, known};
 use nalgebra::SMatrix;
 
 /// Largest error of the logarithm of an intensity with which its likelihood is nearly a parabola.

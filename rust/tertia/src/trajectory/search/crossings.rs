@@ -6,9 +6,9 @@
 //! are reflected. If a path through them is not much less likely, it is fitted to all measurements anew,
 //! because other measurements may be outliers about it, and the marginal likelihoods are compared.
 
-use super::found::{Found, Setting};
+use super::asynchronous::Candidate;
+use super::fit::{Found, Setting};
 use super::outliers::ROUNDS;
-use super::sought::Candidate;
 use crate::trajectory::instants::mixture::Mixture;
 use crate::trajectory::measured::Measured;
 use crate::trajectory::mirror::{AMBIGUOUS, Sides};

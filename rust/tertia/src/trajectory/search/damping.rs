@@ -6,7 +6,7 @@
 //! their derivatives promise, its position is tied to the path with a multiple of the information about the
 //! path. The gradient is not changed, and so neither is the path to which the steps lead.
 
-use super::found::{Found, Setting};
+use super::fit::{Found, Setting};
 use crate::base::small::{Factor, Matrix, Vector, dot, quadratic};
 use crate::sensors::Kind;
 use crate::smoothing::ProcessNoise;

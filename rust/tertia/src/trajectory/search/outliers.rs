@@ -4,7 +4,7 @@
 //! distance from the path as determined by the others. Because a path through many outliers is a bad start,
 //! the noise is first taken to be as large as the residuals, and is then reduced step by step.
 
-use super::found::{Found, Setting};
+use super::fit::{Found, Setting};
 use crate::base::angle::upper_median;
 use crate::base::distribution::normal_two_sided_quantile;
 use crate::sensors::Kind;

@@ -11,7 +11,7 @@ use crate::trajectory::instants::tukey::{TAPERED, TUKEY, chance, scale, tukey};
 use crate::trajectory::measured::{Measured, Record, in_domain};
 use crate::trajectory::path::Plots;
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting, known};
+use crate::trajectory::search::fit::{Found, Setting, known};
 use nalgebra::{DMatrix, DVector, SMatrix};
 use std::rc::Rc;
 

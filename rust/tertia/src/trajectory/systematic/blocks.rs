@@ -1,7 +1,7 @@
 //! Sizes of the blocks of instants in which contradictions are collected.
 
 use crate::trajectory::measured::{Measured, Record};
-use crate::trajectory::search::found::Found;
+use crate::trajectory::search::fit::Found;
 
 /// Number of blocks of instants within the memory of the smoother, least number of blocks in the record, and
 /// largest product of the numbers of blocks and columns.

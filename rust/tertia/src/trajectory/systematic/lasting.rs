@@ -19,7 +19,7 @@ use crate::smoothing::ProcessNoise;
 use crate::trajectory::instants::instant::{Instant, responses};
 use crate::trajectory::measured::{Measured, Record, in_domain};
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting};
+use crate::trajectory::search::fit::{Found, Setting};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;

@@ -3,7 +3,7 @@
 use super::survey;
 use crate::sensors::KINDS;
 use crate::trajectory::measured::{Record, seen};
-use crate::trajectory::search::found::Found;
+use crate::trajectory::search::fit::Found;
 
 /// Share of the variance of the error of heights that drifts; the correlation time is estimated.
 const HEIGHT_DRIFT: f64 = 0.5;

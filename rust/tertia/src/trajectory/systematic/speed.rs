@@ -8,7 +8,7 @@ use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
 use crate::trajectory::measured::Measured;
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting};
+use crate::trajectory::search::fit::{Found, Setting};
 use nalgebra::DMatrix;
 
 /// Adds to the covariance of the states (N, 3D, 3D) the effect of an error of the propagation speed; `sigma`

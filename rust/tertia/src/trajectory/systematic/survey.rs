@@ -7,7 +7,7 @@ use crate::smoothing::ProcessNoise;
 use crate::trajectory::instants::instant::{Instant, responses};
 use crate::trajectory::measured::{Measured, Record};
 use crate::trajectory::path::failure::Failure;
-use crate::trajectory::search::found::{Found, Setting};
+use crate::trajectory::search::fit::{Found, Setting};
 use nalgebra::{DMatrix, DVector};
 
 /// Adds to the covariance of the states (N, 3D, 3D) the effect of survey errors; `sigma` (K) holds their

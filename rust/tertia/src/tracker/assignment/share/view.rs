@@ -3,7 +3,7 @@
 use crate::tracker::assignment::cluster::Cells;
 use crate::tracker::clutter::Clutter;
 use crate::tracker::noise::Noise;
-use crate::tracker::noise::doubles::Seconds;
+use crate::tracker::noise::duplicates::Seconds;
 use crate::tracker::noise::outliers::Stray;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;

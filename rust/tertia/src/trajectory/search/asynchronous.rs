@@ -6,7 +6,7 @@
 //! next stiffer motion through all measurements. The path with the largest marginal likelihood is refined with
 //! a motion that is estimated about it.
 
-use super::found::{Found, Setting};
+use super::fit::{Found, Setting};
 use super::outliers::ROUNDS;
 use crate::base::small::{Factor, Matrix, Vector, dot};
 use crate::smoothing::ProcessNoise;

@@ -2,8 +2,8 @@
 
 use super::{Filter, Multiple};
 use crate::tracker::motion::Motion;
-use crate::tracker::motion::bank::{Bank, NEGLIGIBLE, without_rate};
 use crate::tracker::motion::estimate::{Estimate, VELOCITY};
+use crate::tracker::motion::imm::{Bank, NEGLIGIBLE, without_rate};
 use crate::tracker::motion::velocities::Velocities;
 use crate::tracker::plot::Moving;
 

@@ -6,8 +6,8 @@
 //! model of the bank.
 
 use super::ImmModel;
-use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition, limited};
 use super::estimate::Estimate;
+use super::imm::{Bank, SPEED, STRAIGHT, TURN, Transition, limited};
 use super::kinematics;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -316,8 +316,8 @@ mod tests {
     use crate::sensors::radar_of;
     use crate::tracker::filter::Filter;
     use crate::tracker::motion::Motion;
-    use crate::tracker::motion::bank::changes;
     use crate::tracker::motion::estimate::{POSITION, VELOCITY};
+    use crate::tracker::motion::imm::changes;
     use crate::tracker::settings::Settings;
     use nalgebra::{Matrix2, Matrix2x5, Matrix5, SMatrix, SVector, Vector2, Vector5};
 

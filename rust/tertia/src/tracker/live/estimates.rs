@@ -2,7 +2,7 @@
 
 use super::Tracker;
 use crate::tracker::noise::Noise;
-use crate::tracker::noise::doubles::Doubles;
+use crate::tracker::noise::duplicates::Doubles;
 use crate::tracker::settings::Settings;
 
 impl Tracker {

@@ -1,13 +1,13 @@
 //! Copies of the state of a tracker, as far as plots change it.
 
 use super::Tracker;
-use super::shapes::Shapes;
+use super::extended_targets::Shapes;
 use crate::tracker::assignment::cluster::Clusters;
 use crate::tracker::clutter::Clutter;
 use crate::tracker::management::azimuths::Azimuths;
-use crate::tracker::management::ended::Ended;
+use crate::tracker::management::ended_tracks::Ended;
 use crate::tracker::noise::Noise;
-use crate::tracker::noise::doubles::Doubles;
+use crate::tracker::noise::duplicates::Doubles;
 use crate::tracker::noise::repeats::Repeats;
 use crate::tracker::plot::Measured;
 use crate::tracker::plot::level::Level;

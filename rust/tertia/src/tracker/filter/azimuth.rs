@@ -4,9 +4,9 @@
 use super::{Filter, LEAST_DENSITY, Multiple};
 use crate::base::exponential::exp;
 use crate::sensors::{Kind, Measurement, Row};
-use crate::tracker::motion::bank::Bank;
 use crate::tracker::motion::estimate::Estimate;
-use crate::tracker::motion::speed::SpeedChange;
+use crate::tracker::motion::imm::Bank;
+use crate::tracker::motion::speed_change::SpeedChange;
 use crate::tracker::motion::{ImmModel, Motion};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

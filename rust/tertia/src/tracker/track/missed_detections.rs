@@ -4,7 +4,7 @@ use super::{SOONEST, Stage, Track};
 use crate::sensors::Radar;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::{MAX_DELAY, Settings};
-use crate::tracker::track::beams::Expected;
+use crate::tracker::track::expected_times::Expected;
 
 impl Track {
     /// When this radar should see the target next; none if it has not seen the target yet.

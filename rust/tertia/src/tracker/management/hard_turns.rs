@@ -9,7 +9,7 @@ use crate::tracker::rows::row::{Row, Rows};
 use crate::tracker::settings::Settings;
 use crate::tracker::track::Track;
 use crate::tracker::track::fork::Surprise;
-use crate::tracker::track::sharp::SHARP;
+use crate::tracker::track::hard_turn::SHARP;
 
 /// Share of outliers from which a plot far from its target is taken for an outlier.
 const OUTLIERS: f64 = 0.01;

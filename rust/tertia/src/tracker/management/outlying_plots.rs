@@ -5,7 +5,7 @@ use crate::association::Grid;
 use crate::sensors::Radar;
 use crate::tracker::clutter::Clutter;
 use crate::tracker::noise::Noise;
-use crate::tracker::noise::doubles::Near;
+use crate::tracker::noise::duplicates::Near;
 use crate::tracker::noise::outliers::{FARTHEST, Stray};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;

@@ -2,7 +2,7 @@
 
 use super::Track;
 use crate::base::plane::Plane;
-use crate::tracker::filter::sight::{Equation, Sight, When};
+use crate::tracker::filter::azimuth::{Equation, Sight, When};
 use crate::tracker::settings::Settings;
 
 /// Largest error of a position, as a share of its distance, at which the azimuth is linear in the

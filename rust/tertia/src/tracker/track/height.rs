@@ -2,7 +2,7 @@
 //! about the height.
 
 use super::super::motion::estimate::Estimate;
-use super::super::motion::lean::{Lean, along};
+use super::super::motion::height_effect::{Lean, along};
 use super::super::plot::{Measured, Source};
 use super::super::replies::height::Vertical;
 use super::super::settings::Settings;

@@ -4,8 +4,8 @@
 //! much likelier in one of these turns, it becomes the turn of the models.
 
 use super::ImmModel;
-use super::bank::{Bank, TURN, entered};
 use super::estimate::Estimate;
+use super::imm::{Bank, TURN, entered};
 use super::kinematics;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ impl Circles {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracker::motion::bank::changes;
+    use crate::tracker::motion::imm::changes;
     use nalgebra::{SMatrix, SVector};
 
     /// The bank after twelve plots, 4 s apart, of a target that turns at this rate with 25 m/s.

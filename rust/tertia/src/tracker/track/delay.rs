@@ -1,11 +1,11 @@
 //! A track and the delays of the positions that sensors report of its target.
 
 use super::Track;
-use super::levelled::Here;
+use super::height::Here;
 use crate::base::plane::Plane;
 use crate::tracker::errors::delay::Delay;
 use crate::tracker::motion::estimate::Estimate;
-use crate::tracker::motion::lean::{Lean, along};
+use crate::tracker::motion::height_effect::{Lean, along};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 

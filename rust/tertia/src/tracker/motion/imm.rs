@@ -338,7 +338,7 @@ pub(in crate::tracker) fn without_rate(turn: &Estimate<5>) -> Estimate<4> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracker::motion::speed::SpeedChange;
+    use crate::tracker::motion::speed_change::SpeedChange;
 
     #[test]
     fn changes_stay_probabilities() {
