@@ -42,7 +42,7 @@ mod azimuth;
 mod basis;
 mod delay;
 pub(super) mod fork;
-pub(super) mod hard_turn;
+mod hard_turn;
 mod height;
 mod life;
 mod merged;

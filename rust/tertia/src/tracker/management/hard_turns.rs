@@ -9,7 +9,6 @@ use crate::tracker::rows::row::{Row, Rows};
 use crate::tracker::settings::Settings;
 use crate::tracker::track::Track;
 use crate::tracker::track::fork::Surprise;
-use crate::tracker::track::hard_turn::SHARP;
 
 /// Share of outliers from which a plot far from its target is taken for an outlier.
 const OUTLIERS: f64 = 0.01;
@@ -63,9 +62,8 @@ fn near(
         if !track.is_confirmed() || !track.is_overdue(end) {
             continue;
         }
-        let turns = SHARP.iter().filter_map(|turn| track.sharply(turn, settings));
-        let Some(sharpest) = turns.reduce(f64::max) else { continue };
-        let (place, half) = track.sharp_reach(end, sharpest, settings);
+        let Some(sharp) = track.sharpest(settings) else { continue };
+        let (place, half) = track.sharp_reach(end, sharp, settings);
         let corner = |sign: f64| place.map(|x| x + sign * half);
         grid.between(corner(-1.0), corner(1.0), &mut |i| {
             let plot = &plots[i];
@@ -98,14 +96,10 @@ fn best(
     let found = of_plot.iter().filter_map(|&(_, k)| {
         let track = &tracks[k];
         // the track may have taken another plot meanwhile
-        if !may_be(track, plot, known) {
-            return None;
-        }
+        let sharp = track.sharpest(settings).filter(|_| may_be(track, plot, known))?;
         let mut track = track.clone();
         track.predict(plot.time, settings.pace(radar), settings);
-        let each = SHARP.iter().filter_map(|turn| track.sharp_score(plot, (turn, odds), settings));
-        let likeliest = each.max_by(|a, b| a.gain.total_cmp(&b.gain))?;
-        Some((likeliest, k, track))
+        Some((track.sharp_score(plot, (sharp, odds), settings)?, k, track))
     });
     let likelier = found.filter(|(surprise, ..)| surprise.gain > 0.0);
     likelier.max_by(|a, b| a.0.gain.total_cmp(&b.0.gain).then(b.1.cmp(&a.1)))

@@ -6,11 +6,11 @@ use crate::base::plane::Plane;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
-/// Turns of about 3 g, and of about 7 g.
-pub(in crate::tracker) const SHARP: [Sharp; 2] = [
-    Sharp { probability: 3e-3, ratio: 6.0, fastest: 0.15 },
-    Sharp { probability: 5e-4, ratio: 14.0, fastest: 0.3 },
-];
+/// Probability that a target turns so sharply; its acceleration relative to that of the guard gate;
+/// and the standard deviation of the fastest turn rates, rad/s, which limits the acceleration.
+const SHARPLY: f64 = 3e-3;
+const SHARPER: f64 = 6.0;
+const FASTEST: f64 = 0.15;
 /// Least time for which the target may have been turning, in scans, even if other radars have seen
 /// it meanwhile: at first, gates hold the track to its old path.
 const SINCE: f64 = 1.3;
@@ -19,22 +19,13 @@ const SURE: f64 = 0.7;
 /// Scans without a plot after which sharp turns are no longer searched for.
 const LATELY: f64 = 3.5;
 
-/// Probability that a target turns so sharply; its acceleration relative to that of the guard gate; and
-/// the standard deviation of the fastest turn rates, rad/s, which limits the acceleration.
-#[derive(Clone, Copy)]
-pub(in crate::tracker) struct Sharp {
-    probability: f64,
-    ratio: f64,
-    fastest: f64,
-}
-
 impl Track {
-    /// Acceleration of such a turn, m/s²; none if the guard gate allows for it, or if hypotheses
+    /// Acceleration of a sharp turn, m/s²; none if the guard gate allows for it, or if hypotheses
     /// or the methods of the paper decide about the plots.
-    pub fn sharply(&self, turn: &Sharp, settings: &Settings) -> Option<f64> {
+    pub fn sharpest(&self, settings: &Settings) -> Option<f64> {
         let (guard, _) = self.unseen(settings);
         let speed = f64::hypot(self.estimate.mean[2], self.estimate.mean[3]);
-        let sharp = (turn.ratio * guard).min(turn.fastest * speed);
+        let sharp = (SHARPER * guard).min(FASTEST * speed);
         (sharp > guard && self.is_free(settings)).then_some(sharp)
     }
 
@@ -58,10 +49,9 @@ impl Track {
     pub fn sharp_score(
         &self,
         plot: &Measured,
-        (turn, odds): (&Sharp, f64),
+        (sharp, odds): (f64, f64),
         settings: &Settings,
     ) -> Option<Surprise> {
-        let sharp = self.sharply(turn, settings)?;
         let here = self.brought_here(plot, settings);
         let (z, r) = (here.position, here.covariance());
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
@@ -75,7 +65,7 @@ impl Track {
             return None;
         }
         let [as_before, as_turned] = self.velocity_ratios(plot, (sharp, gap), settings);
-        let turned = turn.probability.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
+        let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
         let before = self.density(z, r).ln() + as_before.ln();
         let probability = 1.0 / (1.0 + (before - turned).exp());
         // a target that no longer exists makes no plot
