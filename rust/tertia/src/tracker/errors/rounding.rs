@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 const VALUES: u32 = 128;
 const DIFFERENT: usize = 6;
 const LAST: u32 = 4096;
+/// Largest step, in sigmas: farther apart are simulated targets at regular places, not rounded values.
+const LARGEST: f64 = 50.0;
 /// Distance within which values are equal, in sigmas, and largest distance of a value from a multiple of the step,
 /// in steps.
 const EQUAL: f64 = 1e-6;
@@ -98,7 +100,8 @@ impl Rounding {
         let is_enough = self.count >= VALUES && self.values.len() >= DIFFERENT;
         if is_enough || self.count >= LAST {
             (self.is_sought, self.origin) = (true, value);
-            self.step = if is_enough { step_of(&self.values, sigma) } else { 0.0 };
+            let step = if is_enough { step_of(&self.values, sigma) } else { 0.0 };
+            self.step = if step <= LARGEST * sigma { step } else { 0.0 };
             self.values = Vec::new();
         }
     }
