@@ -175,7 +175,7 @@ TARGETS = (
             (
                 "smooth, 10 × 2",
                 "51 µs",
-                "the jerk is fitted, which takes about thirty runs of the filter",
+                "the jerk is fitted, which takes several tens of runs of the filter",
             ),
             ("locate, 4 stations", "81 µs", CALL),
         )

@@ -226,6 +226,28 @@ def test_no_parts_of_a_concept_import_each_other_in_circles():
     assert circles(graph) == []
 
 
+@pytest.mark.parametrize("concept", ["location", "trajectory", "tracker"])
+def test_parts_of_a_concept_stand_in_the_order_that_its_file_tells(concept):
+    told = re.findall(
+        r"^//! \| `(\w+)` \|", (CORE / f"{concept}.rs").read_text("utf-8"), flags=re.M
+    )
+    modules = rust_modules(CORE)
+    assert sorted(told) == sorted(
+        name.split(".")[1]
+        for name in modules
+        if name.startswith(f"{concept}.") and name.count(".") == 1
+    )
+    place = {f"{concept}.{name}": i for i, name in enumerate(told)}
+    wrong = [
+        f"{name} uses {target}"
+        for name, targets in rust_graph(CORE).items()
+        for target in targets
+        if not name.endswith(".tests")
+        and place.get(part(target), 0) > place.get(part(name), len(told))
+    ]
+    assert wrong == []
+
+
 def part(module: str) -> str:
     return ".".join(module.split(".")[:2])
 
