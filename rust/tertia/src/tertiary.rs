@@ -4,10 +4,11 @@
 //!
 //! `row <- family; row, gain, family <- tracklet; family <- source; lasting <- filtered, target; row <- bias;
 //! compare, near <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <- target;
-//! target, shadow, filtered, source <- member <- centre`.
+//! target, shadow, filtered, stated <- analysis; analysis, source <- member <- centre`.
 //!
 //! A cycle costs O(tracks) plus the cost of all pairs of tracks within 8 km; memory is O(tracks + pairs).
 
+mod analysis;
 mod bias;
 mod centre;
 mod compare;

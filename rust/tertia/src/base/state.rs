@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Version of the format of saved states; it changes with the fields of a tracker.
-const FORMAT: u64 = 27;
+const FORMAT: u64 = 28;
 /// Initial value and factor of the hash function FNV-1a.
 const FNV_START: u64 = 0xcbf2_9ce4_8422_2325;
 const FNV_FACTOR: u64 = 0x0000_0100_0000_01b3;

@@ -82,8 +82,7 @@ pub struct Centre {
     settings: Settings,
     registrar: Registrar,
     /// Sorted by sensor and track number.
-    #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
-    members: Vec<Box<Member>>,
+    members: Vec<Member>,
     waiting: Vec<Row>,
     /// Sorted by number.
     #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
@@ -150,9 +149,8 @@ impl Centre {
         let noise = self.registrar.largest_noise();
         take(members, waiting, &mut next[0], rows, time, (stated, &noise, sources), n_threads)?;
         let radars = paced(stated, sources);
-        self.members.retain(|member| {
-            time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
-        });
+        self.members
+            .retain(|member| time - member.time <= FORGOTTEN * radars[member.sensor].scan_period);
         self.manual.forget(self.members.iter().map(|member| member.id));
         let known = Known::new(self.registrar.errors(), &self.registrar.covariance());
         let mut samples = std::mem::take(&mut self.samples.0);
@@ -166,7 +164,7 @@ impl Centre {
         }
         self.pairs.remember(candidates, &group_of);
         let numbers = self.name(&groups, &places);
-        let lasting = self.members.iter().map(|own| (own.last.sensor, own.lasting()));
+        let lasting = self.members.iter().map(|own| (own.sensor, own.lasting));
         let noise = raised(self.registrar.noise(), &self.settings.radars, lasting);
         let noisy = with_noise(&radars, &noise);
         let learnt =
@@ -199,16 +197,13 @@ impl Centre {
             .members
             .iter()
             .enumerate()
-            .filter(|(_, member)| {
-                let radar = &radars[member.last.sensor];
-                time - member.last.time <= OLD * radar.scan_period
-            })
+            .filter(|(_, member)| time - member.time <= OLD * radars[member.sensor].scan_period)
             .map(|(place, member)| (member.id, place))
             .collect();
         live.sort_unstable();
         let sample = |&(id, place): &(u64, usize)| {
             let member = &self.members[place];
-            let row = &member.last;
+            let row = member.last();
             let radar = &radars[row.sensor];
             let estimate = member.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
@@ -295,7 +290,7 @@ impl Centre {
         let follow = |(g, target): (usize, &mut Target)| {
             let group = &groups[g];
             let best = best(group, samples);
-            let start = (&self.members[places[best]].last, &samples[best]);
+            let start = (self.members[places[best]].last(), &samples[best]);
             let pending = group.members.iter().flat_map(|&i| &self.members[places[i]].pending);
             let mut tracklets: Vec<&Tracklet> = pending.collect();
             tracklets.sort_by(|a, b| {
@@ -336,7 +331,7 @@ impl Centre {
     /// Returns the positions behind the tracks of a group.
     fn positions(&self, group: &Group, places: &[usize], radars: &[Radar]) -> Vec<Positions> {
         let members = group.members.iter().map(|&i| &self.members[places[i]]);
-        members.map(|own| own.positions(&radars[own.last.sensor])).collect()
+        members.map(|own| own.positions(&radars[own.sensor])).collect()
     }
 
     /// Whether several sensors see a target, or no other sensor should see it.
@@ -378,8 +373,7 @@ impl Centre {
                             mean: samples[i].mean,
                             covariance: samples[i].whole,
                         },
-                        correction: member.before[0]
-                            .map_or([0.0; 4], |past| past.correction(&member.last)),
+                        correction: member.correction(),
                     })
                     .collect();
                 let settings = &self.settings;
@@ -396,7 +390,7 @@ impl Centre {
         let (mut height, mut newest) = (f64::NAN, f64::NEG_INFINITY);
         let mut heard = Vec::new();
         for &i in &group.members {
-            let row = &self.members[places[i]].last;
+            let row = self.members[places[i]].last();
             members[row.sensor] = Some(row.track);
             if row.height.is_finite() && row.time > newest {
                 (height, newest) = (row.height, row.time);
@@ -426,7 +420,7 @@ impl Centre {
     pub fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
         let ids = |number: u64| -> Vec<(usize, u64)> {
             let own = self.members.iter().filter(|member| member.target == Some(number));
-            own.map(|member| (member.last.sensor, member.id)).collect()
+            own.map(|member| (member.sensor, member.id)).collect()
         };
         let (first, second) = (ids(a), ids(b));
         let clash = first.iter().any(|one| second.iter().any(|other| one.0 == other.0));

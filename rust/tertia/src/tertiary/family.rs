@@ -54,6 +54,7 @@ impl Evidence {
             self.square[k] += other.square[k];
             self.area[k] += other.area[k];
         }
+        self.covariances.add(&other.covariances);
     }
 
     /// Whether there are enough rows.

@@ -1,18 +1,13 @@
 //! The tracks of the sensors, updated row by row.
 
-use super::family::{Evidence, Families};
-use super::filtered::Filtered;
-use super::gain::Gain;
+use super::analysis::Analysis;
+use super::family::Evidence;
 use super::lasting::Positions;
 use super::row::Row;
-use super::shadow::Shadow;
 use super::share::mapped;
 use super::source::{Source, paced, with_noise};
-use super::stated::Covariances;
 use super::target::Tracklet;
-use super::tracklet::{Behind, Past, behind, coasts, is_doubtful};
 use crate::base::error::Result;
-use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
@@ -20,47 +15,30 @@ use std::num::NonZero;
 
 /// Number of scans without a row after which a track is deleted.
 pub(super) const FORGOTTEN: f64 = 6.0;
-/// `MEMORY` is the weight of the newest row in the running share of rows that Tertia's filter cannot have
-/// made, `UNKNOWN` the initial share; from `FOREIGN` on, the track counts as made by another filter. A
-/// single turn may seem to be made by one.
-const MEMORY: f64 = 0.05;
-const UNKNOWN: f64 = 0.6;
-const FOREIGN: f64 = 0.7;
 /// Time to process a row, ns.
 const ROW_NS: f64 = 2000.0;
 
-/// A track of a sensor.
+/// A track of a sensor. Each cycle reads these values of all tracks several times; what is only needed to add a
+/// row or to extrapolate the track is behind a pointer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Member {
     pub id: u64,
-    pub last: Row,
-    is_doubtful: bool,
-    pub before: [Option<Past>; 2],
-    pub pending: Vec<Tracklet>,
-    /// Tertia's filter, which may have made the track.
-    shadow: Shadow,
-    /// If another filter made it: its gain, and the track that Tertia's models make of the plots behind
-    /// its rows.
-    gain: Gain,
-    filtered: Option<Filtered>,
-    families: Option<Box<Families>>,
-    covariances: Option<Box<Covariances>>,
-    foreign: f64,
-    /// Whether the sensor states the covariances of its filter.
-    is_stated: bool,
-    /// Whether there have been rows without a plot.
-    is_periodic: bool,
-    /// Time of the last plot.
-    plotted: f64,
+    pub sensor: usize,
+    track: i64,
+    /// Time of the last row.
+    pub time: f64,
     pub target: Option<u64>,
+    /// Share of the variance of its positions that lasts.
+    pub lasting: f64,
+    pub pending: Vec<Tracklet>,
+    analysis: Box<Analysis>,
 }
 
 /// Adds rows to their tracks in order of time; `next` is the id of the next new track. Rows after `time`
 /// go to `waiting`, and rows that were waiting are added. `noise` is the largest known noise of plots. Cost
 /// O(N log N) for N rows plus O(M) for M tracks.
-#[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
 pub(super) fn take(
-    members: &mut Vec<Box<Member>>,
+    members: &mut Vec<Member>,
     waiting: &mut Vec<Row>,
     next: &mut u64,
     rows: &[Row],
@@ -73,16 +51,11 @@ pub(super) fn take(
     let noisy = &with_noise(radars, noise);
     let waited = std::mem::take(waiting);
     let all: Vec<&Row> = waited.iter().chain(rows).collect();
-    let mut order: Vec<_> =
-        all.iter().zip(0..).map(|(row, i)| (row.sensor, row.track, row.time, i)).collect();
-    order.sort_unstable_by(|a: &(_, _, _, u32), b| {
-        (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
-    });
+    let all = in_order(all);
     let (known, mut at, mut begun) = (members.len(), 0, None);
     // rows of existing tracks, grouped by track
-    let mut added: Vec<(usize, &Row)> = Vec::with_capacity(order.len());
-    for (.., i) in order {
-        let row = all[i as usize];
+    let mut added: Vec<(usize, &Row)> = Vec::with_capacity(all.len());
+    for row in all {
         if row.time > time {
             waiting.push(*row);
             continue;
@@ -95,17 +68,17 @@ pub(super) fn take(
         let radar = &radars[row.sensor];
         let is_known = begun == Some(place) || (at < known && members[at].place() == place);
         if !is_known {
-            members.push(Box::new(Member::new(*next, *row, radar)));
+            members.push(Member::new(*next, *row, radar));
             *next += 1;
             begun = Some(place);
             continue;
         }
         let newest = added.last().filter(|(member, _)| *member == own);
-        let newest = newest.map_or(members[own].last.time, |(_, row)| row.time);
+        let newest = newest.map_or(members[own].time, |(_, row)| row.time);
         if row.time - newest > FORGOTTEN * radar.scan_period {
             // the sensor has used the number again for a new track
             while added.pop_if(|(member, _)| *member == own).is_some() {}
-            *members[own] = Member::new(*next, *row, radar);
+            members[own] = Member::new(*next, *row, radar);
             *next += 1;
         } else if row.time > newest {
             let period = stated[row.sensor].scan_period;
@@ -118,25 +91,19 @@ pub(super) fn take(
     let mut work: Vec<(&mut Member, &[(usize, &Row)])> = Vec::new();
     for (i, member) in members.iter_mut().enumerate() {
         if let Some(own) = rows.next_if(|own| own[0].0 == i) {
-            work.push((&mut **member, own));
+            work.push((member, own));
         }
     }
     let evidence: Vec<_> = sources.iter().map(|source| source.evidence).collect();
-    mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
+    let found = mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
         for (_, row) in rows {
             let radar = (&radars[row.sensor], &noisy[row.sensor]);
             member.add(**row, &evidence[row.sensor], radar);
         }
-        Ok(())
+        Ok(member.analysis.found().map(|found| (member.sensor, found)))
     })?;
-    for member in members.iter_mut() {
-        if let Some(families) = &mut member.families {
-            sources[member.last.sensor].evidence.add(&std::mem::take(&mut families.found));
-        }
-        if let Some(covariances) = &mut member.covariances {
-            let all = &mut sources[member.last.sensor].evidence.covariances;
-            all.add(&std::mem::take(&mut covariances.found));
-        }
+    for (sensor, found) in found.into_iter().flatten() {
+        sources[sensor].evidence.add(&found);
     }
     if begun.is_some() {
         // the list consists of two sorted runs
@@ -145,127 +112,108 @@ pub(super) fn take(
     Ok(())
 }
 
+/// Sorts rows by sensor, track and time; equal ones stay in their order. Sensor, track and place of a row are one
+/// number each, because their comparisons are several times as fast as those of rows. Cost O(N log N).
+fn in_order(rows: Vec<&Row>) -> Vec<&Row> {
+    const PLACE: u32 = u32::BITS;
+    let key = |(row, i): (&&Row, u32)| {
+        let track = row.track as u64 ^ (1 << (u64::BITS - 1));
+        ((row.sensor as u128) << u64::BITS | u128::from(track)) << PLACE | u128::from(i)
+    };
+    let mut keys: Vec<_> = rows.iter().zip(0..).map(key).collect();
+    keys.sort_unstable();
+    let mut sorted: Vec<_> = keys.iter().map(|&key| rows[key as u32 as usize]).collect();
+    let mut rest = &mut sorted[..];
+    for same in keys.chunk_by(|a, b| a >> PLACE == b >> PLACE) {
+        let own = rest.split_off_mut(..same.len()).expect("as many as keys");
+        own.sort_by(|a, b| a.time.total_cmp(&b.time));
+    }
+    sorted
+}
+
 impl Member {
     fn new(id: u64, row: Row, radar: &Radar) -> Self {
-        let shadow = Shadow::new(&row, radar);
-        let mut member = Self {
+        let (analysis, first) = Analysis::new(row, radar);
+        let Row { sensor, track, time, .. } = row;
+        let (lasting, pending) = (analysis.lasting(), first.into_iter().collect());
+        Self {
             id,
-            last: row,
-            is_doubtful: is_doubtful(&row, radar),
-            before: [None; 2],
-            pending: Vec::new(),
-            shadow,
-            gain: Gain::default(),
-            filtered: None,
-            families: None,
-            covariances: Some(Box::new(Covariances::new(&row))),
-            foreign: UNKNOWN,
-            is_stated: false,
-            is_periodic: false,
-            plotted: row.time,
+            sensor,
+            track,
+            time,
             target: None,
-        };
-        member.look_behind(None, None, &Evidence::default(), (radar, radar));
-        member
+            lasting,
+            pending,
+            analysis: Box::new(analysis),
+        }
     }
 
     /// Sensor and track number, by which members are sorted.
     fn place(&self) -> (usize, i64) {
-        (self.last.sensor, self.last.track)
+        (self.sensor, self.track)
     }
 
     /// Adds a row, and the plot behind it. `radar` has the stated noise of plots, `noisy` the largest known.
-    fn add(&mut self, row: Row, evidence: &Evidence, (radar, noisy): (&Radar, &Radar)) {
-        let past = Past::new(&self.last, self.is_doubtful, self.plotted);
-        self.before = [Some(past), self.before[0]];
-        self.last = row;
-        self.is_doubtful = !self.is_foreign() && is_doubtful(&row, radar);
-        if coasts(&row, &past, radar) {
-            self.is_periodic = true;
-            return;
-        }
-        // in doubt the filter is not updated; nor is the sensor's filter if the plot did not belong to
-        // the target
-        let plot = if self.is_doubtful { None } else { self.shadow.follow(&row, radar) };
-        let is_same = self.shadow.is_same && !self.is_doubtful;
-        let is_unlike = if is_same { 0.0 } else { 1.0 };
-        self.foreign += MEMORY * (is_unlike - self.foreign);
-        let mut innovation = None;
-        if self.foreign < UNKNOWN {
-            self.covariances = None;
-        } else if let Some(covariances) = &mut self.covariances {
-            innovation = covariances.innovation(&row, past.correction(&row), radar);
-        } else {
-            self.covariances = Some(Box::new(Covariances::new(&row)));
-        }
-        self.is_stated =
-            innovation.is_some() && evidence.covariances.is_sure() && !self.is_periodic;
-        let innovation = innovation.filter(|_| self.is_stated);
-        self.look_behind(plot.filter(|_| !self.is_foreign()), innovation, evidence, (radar, noisy));
-        self.plotted = row.time;
+    fn add(&mut self, row: Row, evidence: &Evidence, radars: (&Radar, &Radar)) {
+        self.pending.extend(self.analysis.add(row, evidence, radars));
+        (self.time, self.lasting) = (row.time, self.analysis.lasting());
     }
 
-    /// Whether a filter other than Tertia's made the track.
-    fn is_foreign(&self) -> bool {
-        self.foreign > FOREIGN
+    /// The last row.
+    pub fn last(&self) -> &Row {
+        &self.analysis.last
     }
 
-    /// Stores what is known of the plot behind the last row: `plot`, or an estimate without knowledge of
-    /// the filter.
-    fn look_behind(
-        &mut self,
-        plot: Option<[f64; 2]>,
-        innovation: Option<[f64; 2]>,
-        evidence: &Evidence,
-        (radar, noisy): (&Radar, &Radar),
-    ) {
-        let last = (&self.last, self.is_doubtful);
-        if !self.is_foreign() || evidence.is_complete() {
-            self.families = None;
-        } else if self.families.is_none() {
-            self.families = Some(Box::new(Families::new(&self.last, radar)));
-        }
-        let gain = (&mut self.gain, evidence, self.is_periodic);
-        let families = self.families.as_deref_mut();
-        let (place, own, added) =
-            match behind(plot, innovation, last, &self.before, gain, families, (radar, noisy)) {
-                Behind::Plot(place, added) => (place, None, added),
-                Behind::State(place, covariance) => (place, Some(covariance), Plane::default()),
-                Behind::Nothing => return,
-            };
-        if plot.is_some() {
-            self.filtered = None;
-        } else if let Some(filtered) = &mut self.filtered {
-            let noise = own.unwrap_or_else(|| noisy.noise_at(place, self.last.above(noisy)));
-            filtered.follow(self.last.time, place, noise.plus(added), radar);
-        } else {
-            self.filtered = Some(Filtered::new(&self.last, radar));
-        }
-        self.pending.push(Tracklet::new(&self.last, place, (own, added), radar));
+    /// By how much the last row corrected the state; zero for the first row.
+    pub fn correction(&self) -> [f64; 4] {
+        self.analysis.correction()
     }
 
     /// Returns position and velocity of the track at a time.
     pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
-        self.foreign_filter().map_or_else(|| self.last.at(time, radar), |own| own.at(time))
-    }
-
-    /// Share of the variance of its positions that lasts.
-    pub fn lasting(&self) -> f64 {
-        self.foreign_filter().map_or(0.0, Filtered::lasting)
+        self.analysis.at(time, radar)
     }
 
     /// Returns the positions behind the track.
     pub fn positions(&self, radar: &Radar) -> Positions {
-        let [x, y, ..] = self.last.state;
+        let last = self.last();
+        let [x, y, ..] = last.state;
         Positions {
-            lasting: self.lasting(),
-            noise: radar.noise_at([x, y], self.last.above(radar)),
+            lasting: self.lasting,
+            noise: radar.noise_at([x, y], last.above(radar)),
             period: radar.scan_period,
         }
     }
+}
 
-    /// Returns Tertia's filter of the track if another filter made it.
-    fn foreign_filter(&self) -> Option<&Filtered> {
-        self.filtered.as_ref().filter(|_| self.is_stated || self.is_foreign())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensors::Identities;
+
+    #[test]
+    fn rows_are_sorted_by_sensor_track_and_time() {
+        let row = |sensor, track, time| Row {
+            sensor,
+            track,
+            time,
+            state: [0.0; 4],
+            covariance: [f64::NAN; 16],
+            height: f64::NAN,
+            identities: Identities::NONE,
+            turn_probability: f64::NAN,
+        };
+        let rows = [
+            row(1, 5, 2.0),
+            row(0, i64::MAX, 1.0),
+            row(1, -7, 3.0),
+            row(1, 5, -1.0),
+            row(0, i64::MIN, 4.0),
+            row(1, 5, 2.0),
+        ];
+        let sorted = in_order(rows.iter().collect());
+        let place = |row: &Row| rows.iter().position(|own| std::ptr::eq(own, row));
+        let places: Vec<_> = sorted.into_iter().filter_map(place).collect();
+        assert_eq!(places, [4, 1, 2, 3, 0, 5]);
     }
 }

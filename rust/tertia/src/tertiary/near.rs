@@ -202,7 +202,7 @@ fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
 }
 
 /// Data of a track for the first test.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Spot {
     pub id: u64,
     sensor: usize,

@@ -3,7 +3,7 @@
 use super::bias::propagated;
 use super::compare::Distance;
 use super::near::{APART, FAR, Near, Sample, Spot, height_variance};
-use super::share::mapped;
+use super::share::{fill, mapped};
 use crate::base::error::Result;
 use crate::base::scratch::Scratch;
 use crate::registration::{Errors, KINDS};
@@ -37,6 +37,8 @@ const LEAST_EXTENT: f64 = 20e3;
 /// Number of tracks that one thread compares at a time, and time for one track, ns.
 const PART: usize = 256;
 const PAIRS_NS: f64 = 1000.0;
+/// Time to copy the data of a track for the first test, ns.
+const SPOT_NS: f64 = 50.0;
 /// Gain of a pair that was joined by hand.
 const JOINED: f64 = 1e6;
 
@@ -138,7 +140,8 @@ impl Pairs {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Candidate>> {
         // compact data, because most samples that are near are far in terms of their variance
-        let spots: Vec<_> = samples.iter().map(Spot::new).collect();
+        let mut spots = Vec::new();
+        fill(&mut spots, samples.iter(), SPOT_NS, n_threads, Spot::new);
         let by_hand = !manual.joined.is_empty();
         let near = Near::new(&spots, by_hand, n_threads)?;
         let (memory, mut candidates) = std::mem::take(&mut self.memory.0);
