@@ -139,8 +139,13 @@ impl Block {
         }
         let spread = Factor::try_new(&normal, 0.0)?.inverse();
         let columns = columns_of(sightings, unknowns);
+        // beside positions whose errors last, ranges would be drawn towards the radar
+        let has_places = sightings.iter().any(|one| one.is_placed);
+        let fitted = has_places.then(|| rotated(&spread, &right));
         for (seen, one) in seen.iter_mut().zip(sightings) {
-            seen.err(one, velocity, &unknowns[one.radar], &columns);
+            let at = |motion| one.seen_at(centre + seen.place_in(motion));
+            let one = fitted.as_ref().map_or(*one, at);
+            seen.err(&one, velocity, &unknowns[one.radar], &columns);
         }
         let (mut sums, rights) = products(&seen, right, columns.len());
         let mut motion: Vec<[f64; MOTION]> =
@@ -244,14 +249,15 @@ impl Seen {
         unknowns: &[Option<(usize, f64)>; ERRORS],
         columns: &[usize],
     ) {
-        let metres = one.design(velocity);
+        let ([u, v], [along, across]) = (one.axes, one.design(velocity));
         for (j, unknown) in unknowns.iter().enumerate() {
             let Some((column, prior)) = *unknown else { continue };
             if self.count == 0 {
                 self.first = columns.partition_point(|&other| other < column);
             }
-            for (axis, metres) in metres.iter().enumerate() {
-                self.design[axis][self.count] = metres[j] * prior / one.sigma[axis];
+            let moved = (u * along[j] + v * across[j]) * prior;
+            for (design, axis) in self.design.iter_mut().zip(&self.axes) {
+                design[self.count] = axis.dot(&moved);
             }
             self.count += 1;
         }
@@ -274,10 +280,16 @@ impl Seen {
         left
     }
 
+    /// Returns the position of a motion at the time of the plot.
+    fn place_in(&self, motion: &[f64; MOTION]) -> Vector2<f64> {
+        let t = self.time;
+        let side = |side: usize| motion[side] + t * (motion[2 + side] + t * motion[4 + side]);
+        Vector2::new(side(0), side(1))
+    }
+
     /// Returns a pair of numbers along and across less those of a motion.
     fn residual_of(&self, numbers: [f64; 2], motion: &[f64; MOTION]) -> [f64; 2] {
-        let t = self.time;
-        let place = [0, 1].map(|side| motion[side] + t * (motion[2 + side] + t * motion[4 + side]));
+        let place = self.place_in(motion);
         std::array::from_fn(|axis| {
             let direction = &self.axes[axis];
             numbers[axis] - direction[0] * place[0] - direction[1] * place[1]

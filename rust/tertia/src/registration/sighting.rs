@@ -216,6 +216,14 @@ impl Sighting {
         0.5 * square / self.ground
     }
 
+    /// Returns the plot with the axes of a target at this position. With those of its measured azimuth, a range that is
+    /// too short by itself would explain the noise of the azimuths.
+    pub fn seen_at(&self, position: Vector2<f64>) -> Self {
+        let away = self.origin().and_then(|origin| (position - origin).try_normalize(0.0));
+        let axes = away.map_or(self.axes, |away| [away, Vector2::new(away.y, -away.x)]);
+        Self { axes, ..*self }
+    }
+
     /// Displacements of the plot along both axes by a unit of each error, for a target with this velocity.
     pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
         let mut design = [[0.0; ERRORS]; 2];
