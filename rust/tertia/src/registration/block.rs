@@ -139,7 +139,7 @@ impl Block {
         }
         let spread = Factor::try_new(&normal, 0.0)?.inverse();
         let columns = columns_of(sightings, unknowns);
-        // beside positions whose errors last, ranges would be drawn towards the radar
+        // positions say little of the range, as their errors last: any bias of the directions would matter
         let has_places = sightings.iter().any(|one| one.is_placed);
         let fitted = has_places.then(|| rotated(&spread, &right));
         for (seen, one) in seen.iter_mut().zip(sightings) {

@@ -38,10 +38,10 @@ const CHANGE_TIME: f64 = 30.0;
 const CHANGE: f64 = 3.0;
 /// Variance that a vote adds to the errors of a radar, in units of that of the prior.
 const VOTED: f64 = 0.5;
-/// Range at which an unknown gain counts as noise of the range, m.
-const FAR: f64 = 80e3;
-/// Speed at which an unknown clock error counts as noise, m/s.
-const SPEED: f64 = 200.0;
+/// Range at which an unknown gain counts as noise of the range, m, and speed at which an unknown clock error
+/// does, m/s: at most, and at least.
+const FAR: [f64; 2] = [80e3, 200.0];
+const NEAR: [f64; 2] = [10.0, 1.0];
 /// Share of the variance of errors of radars that moves targets as if their delays differed; most of it moves
 /// neighbours alike.
 const APART: f64 = 0.25;
@@ -241,18 +241,41 @@ impl Registrar {
     /// Returns the standard deviations of range (m) and azimuth (rad) with which plots of each radar are to
     /// be tracked: the estimated noise, with the uncertainty of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
-        let sigmas = self.roots(&self.known.covariance);
+        let (sigmas, farthest) = (self.roots(&self.known.covariance), self.farthest());
         let one = |(k, sigmas): (usize, Errors)| {
             let ([offset, gain, _, clock, ..], azimuth) = (sigmas, azimuth_sigma(&sigmas));
-            let late = 0.5 * (SPEED * clock).powi(2);
+            let [far, speed] = farthest[k];
+            let late = 0.5 * (speed * clock).powi(2);
             let [range, angle] = self.own_noise(k);
-            let unknown = offset.hypot(FAR * gain).powi(2) + late;
+            let unknown = offset.hypot(far * gain).powi(2) + late;
             [
                 (range * range + unknown).sqrt(),
-                (angle * angle + azimuth * azimuth + late / (FAR * FAR)).sqrt(),
+                (angle * angle + azimuth * azimuth + late / (far * far)).sqrt(),
             ]
         };
         sigmas.into_iter().enumerate().map(one).collect()
+    }
+
+    /// Returns the largest distance of a confirmed track from each radar that sees it, and the largest speed, within
+    /// the limits; the upper limits where there is no track. Cost O(tracks).
+    fn farthest(&self) -> Vec<[f64; 2]> {
+        let mut squares = vec![[0.0_f64; 2]; self.radars.len()];
+        for track in self.tracks.all().filter(|track| track.was_confirmed()) {
+            let ([x, y], [u, v]) = (track.position, track.velocity);
+            for own in &track.parts {
+                let ([east, north, _], most) =
+                    (self.radars[own.radar].position, &mut squares[own.radar]);
+                most[0] = most[0].max((x - east).powi(2) + (y - north).powi(2));
+                most[1] = most[1].max(u * u + v * v);
+            }
+        }
+        let limited = |own: [f64; 2]| {
+            if own == [0.0; 2] {
+                return FAR;
+            }
+            std::array::from_fn(|i| own[i].sqrt().clamp(NEAR[i], FAR[i]))
+        };
+        squares.into_iter().map(limited).collect()
     }
 
     /// Returns the noise of each radar, of range and azimuth: the estimated one, or the stated one if it is larger.
@@ -272,13 +295,13 @@ impl Registrar {
     pub fn unsure(&self, radars: &[bool]) -> f64 {
         let sigmas = self.roots(&self.known.covariance);
         assert_eq!(radars.len(), sigmas.len());
-        let own = sigmas.iter().zip(radars).filter(|(_, is_radar)| **is_radar);
-        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), (sigmas, _)| {
+        let own = sigmas.iter().zip(self.farthest()).zip(radars).filter(|(_, is_radar)| **is_radar);
+        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), ((sigmas, [far, speed]), _)| {
             let ([offset, gain, ..], azimuth) = (sigmas, azimuth_sigma(sigmas));
-            let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
-            (sum + 0.5 * APART * place, count + 1.0)
+            let place = offset * offset + far * far * (gain * gain + azimuth * azimuth);
+            (sum + 0.5 * APART * place / (speed * speed), count + 1.0)
         });
-        sum / f64::max(count, 1.0) / (SPEED * SPEED)
+        sum / f64::max(count, 1.0)
     }
 
     /// Returns the estimated noise of a radar.

@@ -216,8 +216,8 @@ impl Sighting {
         0.5 * square / self.ground
     }
 
-    /// Returns the plot with the axes of a target at this position. With those of its measured azimuth, a range that is
-    /// too short by itself would explain the noise of the azimuths.
+    /// Returns the plot with the axes of a target at this position. With those of the measured azimuths, a positive
+    /// error of the range would seem to explain their noise: closer to the radar, it is smaller.
     pub fn seen_at(&self, position: Vector2<f64>) -> Self {
         let away = self.origin().and_then(|origin| (position - origin).try_normalize(0.0));
         let axes = away.map_or(self.axes, |away| [away, Vector2::new(away.y, -away.x)]);

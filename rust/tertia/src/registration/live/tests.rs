@@ -237,3 +237,31 @@ fn innovations_in_turns_say_nothing_of_noise() {
         assert_eq!(registrar.factor[0] != [1.0; 2], grown);
     }
 }
+
+#[test]
+fn unknown_gain_and_clock_count_at_the_distance_and_speed_of_the_tracks() {
+    let mut registrar = registrar();
+    let noise = |registrar: &Registrar| registrar.noise()[0];
+    let expected = |far: f64, speed: f64| {
+        let ([offset, gain, azimuth, clock, ..], [range, angle]) = (PRIOR, registrar.own_noise(0));
+        let late = 0.5 * (speed * clock).powi(2);
+        let along = range * range + offset * offset + (far * gain).powi(2) + late;
+        let across = angle * angle + azimuth * azimuth + late / (far * far);
+        [along.sqrt(), across.sqrt()]
+    };
+    let cases = [expected(80e3, 200.0), expected(5e3, 25.0)];
+    let equal = |found: [f64; 2], case: [f64; 2]| (0..2).for_each(|i| close(found[i], case[i]));
+    equal(noise(&registrar), cases[0]);
+    for (number, position, velocity) in [(1, [0.0, -1e3], [15.0, 20.0]), (2, [3e3, 4e3], [1.0; 2])]
+    {
+        let (place, _) = registrar.tracks.place(number, || 0.0);
+        registrar.tracks.at(place).see(0.0, 0, position, velocity);
+    }
+    registrar.tracks.close();
+    equal(noise(&registrar), cases[1]);
+    // far and fast tracks count no more than before
+    let (place, _) = registrar.tracks.place(3, || 0.0);
+    registrar.tracks.at(place).see(0.0, 0, [2e5, 0.0], [300.0, 0.0]);
+    registrar.tracks.close();
+    equal(noise(&registrar), cases[0]);
+}
