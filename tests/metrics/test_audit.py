@@ -188,6 +188,11 @@ class TestVerdicts:
         assert found.verdict.startswith("too large by a factor of 2.")
         assert found.nees.verdict.startswith("too large by a factor of 2.0")
 
+    def test_errors_of_zero(self):
+        found = audit(np.zeros((50, 2)), 1.0)
+        assert found.verdict == "all errors are 0: the estimates seem to be the truth itself"
+        assert "unbounded" not in str(found)
+
     def test_honest(self):
         assert audit(rng(1).standard_normal((500, 2)), 1.0).verdict == "honest"
 

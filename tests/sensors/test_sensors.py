@@ -39,6 +39,7 @@ def test_the_bias_of_one_of_several_sensors():
     assert (one.range, one.azimuth_sigma, one.elevation_sigma) == (2.0, None, np.inf)
     assert repr(one) == "Bias(range=2, azimuth_sigma=None, elevation_sigma=inf)"
     assert repr(Bias()) == "Bias()"
+    assert all([Bias(), bias, one])  # `if bias:` asks whether there is one
     with pytest.raises(TypeError, match="one sensor"):
         len(one)
 

@@ -71,6 +71,8 @@ def factor_verdict(value: float, low: float, high: float, number: float) -> str:
     """Return the verdict about the sigmas, which follows from the factor for the covariances."""
     if low > 1.0:
         return "too small by a factor of {} {}".format(*text(*map(math.sqrt, (value, low, high))))
+    if value == high == 0.0:
+        return "all errors are 0: the estimates seem to be the truth itself"
     if high < 1.0:
         inverse = (math.sqrt(1.0 / x) if x > 0 else math.inf for x in (value, high, low))
         return "too large by a factor of {} {}".format(*text(*inverse))

@@ -368,6 +368,10 @@ class Bias(Result):
         """Read a bias from a file that `save` has written."""
         return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
 
+    def __bool__(self) -> bool:
+        """Return True, so that `if bias:` asks whether there is one, not how large it is."""
+        return True
+
     def __len__(self) -> int:
         """Return the number of sensors."""
         if isinstance(self.range, float):

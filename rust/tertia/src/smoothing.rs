@@ -14,6 +14,7 @@ mod fit;
 mod information;
 mod interleaved;
 mod lasting;
+mod levels;
 mod model;
 mod motion;
 mod noise;

@@ -9,7 +9,7 @@
 
 use super::fit::Family;
 use super::lasting::Found;
-use super::model::{Faults, LastingNoise, Model};
+use super::model::{Faults, LastingNoise, Levels, Model};
 use super::search::{Near, Scale, Search};
 use super::seen::Quantity;
 use super::track::Track;
@@ -98,11 +98,12 @@ struct Settled {
 /// velocities that contradict the positions are found.
 pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
+    levels: Levels,
 ) -> Option<(Faults, Near)> {
     let track = search.track;
     let parts = Parts::of(track);
     let (count, each) = (parts.counts.len(), parts.each());
-    let mut faults = Faults::none(track);
+    let mut faults = Faults { levels, ..Faults::none(track) };
     (0..count).for_each(|part| faults.gross[part] = part % each > 0);
     // start from a stiff path: a flexible one would follow the faults
     let near = Near::intensity(search.low);
@@ -145,7 +146,7 @@ fn settle<const M: usize, const S: usize, const N: usize>(
         search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
         search.engine.smooth(parts.track, &best.model, &faults, &mut found)?;
         for (part, misfit) in misfit.iter_mut().enumerate() {
-            *misfit = of_part::<S>(parts, part, &found, faults.gross[part]);
+            *misfit = of_part::<S>(parts, part, &found, &faults);
         }
         let limit = parts.jump_limit(&misfit);
         let is_new = judged != faults.jumps;
@@ -274,7 +275,7 @@ fn without_returns<const M: usize, const N: usize>(
 
 /// Returns the squared difference of a part from the estimate that all other measurements give, divided by
 /// its variance; nan if nothing is measured.
-fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gross: bool) -> f64 {
+fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, faults: &Faults) -> f64 {
     let Parts { track, counts, .. } = parts;
     if counts[part] == 0 {
         return f64::NAN;
@@ -287,13 +288,14 @@ fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gro
     track.add_trend(k, &mut trend);
     let away = |i: usize| plot[i] - (found.mean[k * S + first + i] - trend[first + i]);
     let p = |i: usize, j: usize| found.covariance[(k * S + first + i) * S + first + j];
-    let own = if is_gross { 1.0 } else { -1.0 };
+    let own = if faults.gross[part] { 1.0 } else { -1.0 };
+    let variance = if first == 0 { faults.levels.noise(k) } else { 1.0 };
     let there = || (0..d).filter(|&i| !plot[i].is_nan());
     let (mut factor, mut white, mut sum) = ([[0.0; S]; S], [0.0; S], 0.0);
     for i in there() {
         let residual: f64 = there().take_while(|&j| j <= i).map(|j| w(i, j) * away(j)).sum();
         for j in there().take_while(|&j| j <= i) {
-            let mut value = if i == j { 1.0 } else { 0.0 };
+            let mut value = if i == j { variance } else { 0.0 };
             for a in 0..=i {
                 for b in 0..=j {
                     value += own * w(i, a) * p(a, b) * w(j, b);

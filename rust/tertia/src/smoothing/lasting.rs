@@ -265,7 +265,8 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
         let t = track.times[k] - track.times[k - 1];
         if t > 0.0 {
-            self.predict(t, faded.over(t, model), model.motion);
+            let motion = model.motion.times(faults.levels.motion(k));
+            self.predict(t, faded.over(t, model), motion);
         }
         if faults.jumps[k] {
             for (i, plot) in track.plot(k)[..axes(N)].iter().enumerate() {
@@ -303,7 +304,10 @@ impl<const M: usize, const N: usize> Step<M, N> {
             }
             let mut h = [0.0; N];
             h[..=i].copy_from_slice(&whitener[i * M..][..=i]);
-            let (variance, share) = model.noise(Quantity::of(i, d));
+            let (mut variance, share) = model.noise(Quantity::of(i, d));
+            if i < d {
+                variance *= faults.levels.noise(k);
+            }
             h[3 * d + i % d] = (share * variance).sqrt();
             if i < d && model.wanders() {
                 (0..=i).for_each(|j| h[3 * d + j] = model.wandering[j] * h[j]);

@@ -89,19 +89,56 @@ impl Model {
     }
 }
 
-/// Measurements that do not belong to the path, and jumps.
+/// Times at which the noise of the positions, or the motion, is larger than at other times.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Levels {
+    /// Whether it is larger, for each instant and the step to it; empty if it never is.
+    pub raised: Vec<bool>,
+    /// Variance of positions at these times, and intensity of the motion, relative to those at other times.
+    pub noise: f64,
+    pub motion: f64,
+}
+
+impl Default for Levels {
+    fn default() -> Self {
+        Self { raised: Vec::new(), noise: 1.0, motion: 1.0 }
+    }
+}
+
+impl Levels {
+    #[inline(always)]
+    fn is_raised(&self, k: usize) -> bool {
+        self.raised.get(k).is_some_and(|raised| *raised)
+    }
+
+    /// Relative variance of the positions at an instant.
+    #[inline(always)]
+    pub fn noise(&self, k: usize) -> f64 {
+        if self.is_raised(k) { self.noise } else { 1.0 }
+    }
+
+    /// Relative intensity of the motion over the step to an instant.
+    #[inline(always)]
+    pub fn motion(&self, k: usize) -> f64 {
+        if self.is_raised(k) { self.motion } else { 1.0 }
+    }
+}
+
+/// Measurements that do not belong to the path, jumps, and times at which the noise or the motion is larger.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Faults {
     /// Positions, and velocities if these are measured, that are left out, plot by plot.
     pub gross: Vec<bool>,
     /// Instants before which the position jumps.
     pub jumps: Vec<bool>,
+    pub levels: Levels,
 }
 
 impl Faults {
     /// Returns no faults.
     pub fn none(track: &Track<'_>) -> Self {
         let parts = track.parts().count() * track.len();
-        Self { gross: vec![false; parts], jumps: vec![false; track.len()] }
+        let (gross, jumps) = (vec![false; parts], vec![false; track.len()]);
+        Self { gross, jumps, levels: Levels::default() }
     }
 }

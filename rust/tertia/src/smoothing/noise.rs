@@ -12,7 +12,8 @@ use super::fit::{
 };
 use super::interleaved::Interleaved;
 use super::lasting::Found;
-use super::model::{Faults, LastingNoise, Model};
+use super::levels::find_levels;
+use super::model::{Faults, LastingNoise, Levels, Model};
 use super::motion::ProcessNoise;
 use super::oscillation::find_oscillation;
 use super::results::{Smoothed, Summary};
@@ -35,8 +36,15 @@ const WANDERING: f64 = 0.5;
 const ROUGH: f64 = 0.02;
 /// Prior probability that the position oscillates about the path, relative to that of all other models together.
 const OSCILLATING: f64 = 1e-3;
+/// Least gain of the log-likelihood by levels of the noise or the motion.
+const LEVEL_GAIN: f64 = 6.0;
+/// Squared difference of an outlier from the path, for the comparison of tracks with different outliers.
+const OUTLIER_LIMIT: f64 = 18.0;
 /// Smallest weight of a model that is not left out.
 const LEAST_WEIGHT: f64 = 0.02;
+
+/// Models with the logarithms of their probabilities.
+type Models = (Vec<Candidate>, Vec<f64>);
 
 /// Assumptions about the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -177,7 +185,9 @@ fn improve<const M: usize, const S: usize, const N: usize, const O: usize>(
     let mut near = Near::intensity(intensity);
     let mut faults = Faults::none(track);
     let expected = options.expected();
-    if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
+    if let Some(found) =
+        options.robust.then(|| find_faults::<M, S, N>(&mut search, Levels::default())).flatten()
+    {
         (faults, near) = found;
     }
     let mut is_rough = faults == Faults::none(track);
@@ -218,6 +228,18 @@ fn improve<const M: usize, const S: usize, const N: usize, const O: usize>(
             average::<M, S, O>(&mut search, &candidates, &weights, most, &faults, out)?;
         }
     }
+    let is_white = options.correlation_time.is_none_or(|time| time == 0.0);
+    if options.robust && may_last && is_white && candidates[most].model.frequency == 0.0 {
+        let plain = (faults.clone(), (candidates, logs));
+        let (own, models) = with_levels::<M, S, N>(&mut search, options, near, plain)?;
+        candidates = models.0;
+        if own != faults {
+            faults = own;
+            weights = weights_of(&models.1);
+            most = likeliest(&weights)?;
+            average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
+        }
+    }
     let best = &candidates[most];
     if let Some(sensors) = interleaved {
         sensors.add_lasting_errors(track, &faults, out);
@@ -241,6 +263,43 @@ fn improve<const M: usize, const S: usize, const N: usize, const O: usize>(
     })
 }
 
+/// Returns the faults with levels of the noise or the motion, if these make the plots likelier, and models with them.
+fn with_levels<const M: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
+    options: &Options,
+    near: Near,
+    (mut faults, mut models): (Faults, Models),
+) -> Option<(Faults, Models)> {
+    let jumps = vec![false; search.track.len()];
+    // those of white noise
+    let white = models.0.iter().take(2).max_by(|a, b| a.value.total_cmp(&b.value)).copied()?;
+    for levels in find_levels::<M, S, N>(search, &white, &faults) {
+        let own = Faults { levels: levels.clone(), jumps: jumps.clone(), ..faults.clone() };
+        let (own, near) = find_faults::<M, S, N>(search, levels).unwrap_or((own, near));
+        let is_healthy = search.is_healthy(&own, near, options.expected());
+        let other = candidates(search, options, (&own, false), near, (is_healthy, true));
+        let least = total(search, &models, &faults)? + LEVEL_GAIN;
+        if total(search, &other, &own)? > least {
+            (faults, models) = (own, other);
+        }
+    }
+    Some((faults, models))
+}
+
+/// Returns the logarithm of the likelihood of the best model, from the same vague first state for all faults. Each
+/// position that is left out counts as much as an average one of the others, less half the limit of an outlier.
+fn total<const M: usize, const N: usize>(
+    search: &Search<'_, M, N>,
+    (candidates, logs): &Models,
+    faults: &Faults,
+) -> Option<f64> {
+    let best = &candidates[likeliest(&weights_of(logs))?];
+    let value = search.candidate(best.model, Scale::Larger, faults).value;
+    let (all, each) = (search.track.len() as f64, search.track.numbers / search.track.dimension);
+    let gross = faults.gross.iter().step_by(each).filter(|gross| **gross).count() as f64;
+    Some(value * all / (all - gross) - 0.5 * OUTLIER_LIMIT * gross)
+}
+
 /// Returns models with the logarithms of their probabilities.
 fn candidates<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
@@ -248,9 +307,11 @@ fn candidates<const M: usize, const N: usize>(
     (faults, may_be_rough): (&Faults, bool),
     near: Near,
     (is_healthy, may_last): (bool, bool),
-) -> (Vec<Candidate>, Vec<f64>) {
+) -> Models {
     let of = |scale| if options.robust && !is_healthy { scale } else { Scale::Stated };
-    let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
+    let larger = of(Scale::Larger);
+    // levels may not be those of noise that is smaller than stated
+    let prior = if faults.levels == Levels::default() { of(Scale::Prior) } else { larger };
     let best = |family, lasting, scale, near| search.best(family, lasting, scale, faults, near);
     if let Some(time) = options.correlation_time.filter(|time| *time > 0.0) {
         let lasting = LastingNoise { of: Quantity::Position, share: SHARES[0], time };

@@ -260,6 +260,11 @@ impl<'a> Track<'a> {
         }
     }
 
+    /// Position of the trend of an axis at instant `k`.
+    pub(super) fn trend_position(&self, axis: usize, k: usize) -> f64 {
+        self.trend.at(axis, self.times[k])[0]
+    }
+
     /// Acceleration of the trend of an axis.
     pub(super) fn trend_acceleration(&self, axis: usize) -> f64 {
         self.trend.at(axis, self.trend.centre)[2]
