@@ -422,9 +422,8 @@ def smooth(
     about the path with the noise as stated: these models are averaged, too. So are models in which
     the position oscillates about the path, as in waves; a warning says if one of them is the
     likeliest. If innovations are larger for some time, the noise or the motion has two levels, and
-    the lower one is reported. If velocities are measured, outliers are first searched for among the
-    positions; velocities that contradict the remaining positions are left out. The others may be
-    less precise than stated, correlated, or late.
+    the lower one is reported. If velocities are measured, outliers are searched for among the
+    positions first; those that contradict the rest are left out, and others may be late.
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the
