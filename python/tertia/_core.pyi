@@ -464,7 +464,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
-    medium: tuple[float, float, bool],
+    medium: tuple[float, float, tuple[bool, bool]],
     n_threads: int | None,
 ) -> tuple[
     FloatArray,
@@ -475,6 +475,16 @@ def locate(
     list[list[float]],
     tuple[tuple[float, float], tuple[list[float], list[list[float]], FloatArray] | None],
 ]: ...
+def explanation(
+    stations: FloatArray,
+    axes: FloatArray | None,
+    values: FloatArray,
+    sigmas: FloatArray,
+    position_sigmas: FloatArray | None,
+    height: FloatArray | None,
+    positions: FloatArray,
+    velocities: FloatArray | None,
+) -> tuple[str, int, float, float] | None: ...
 def locate_posterior(
     measured: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
     max_range: float,

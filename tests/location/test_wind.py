@@ -106,7 +106,7 @@ def test_a_path_in_a_wind():
         track = reconstruct(stations, instants, wind_sigma=6.0, **options)
         inside.append(squares(track, path) < WITHIN_95[2])
         assert np.all(np.abs(track.wind - wind) < 6 * np.sqrt(np.diagonal(track.wind_covariance)))
-        plain = reconstruct(stations, instants, **options)
+        plain = reconstruct(stations, instants, wind_sigma=0, **options)
         others.append(squares(plain, path) < WITHIN_95[2])
         assert plain.wind is None
         square.append(np.sum((track.position - path) ** 2, axis=1))
@@ -115,6 +115,29 @@ def test_a_path_in_a_wind():
     assert np.mean(inside) > 0.85
     assert np.mean(others) > 0.75
     assert np.mean(square_of_others) > 25 * np.mean(square)
+
+
+def test_a_wind_of_which_nothing_is_said_is_found():
+    """Before, .10 were inside the regions of single shots, without a warning."""
+    inside, error, stated = [], [], []
+    for seed in range(8):
+        places, truth, time, wind = scene(seed, 6, 40, 8.0)
+        found = locate(places, arrival_time=time, **HEARD)
+        assert np.all(np.abs(found.wind - wind) < 6 * np.sqrt(np.diagonal(found.wind_covariance)))
+        inside += list(squares(found, truth)[found.success] < WITHIN_95[2])
+        error.append(np.nanmean(np.sum((found.position - truth) ** 2, axis=-1)))
+        given = locate(places, arrival_time=time, wind_sigma=6.0, **HEARD)
+        stated.append(np.nanmean(np.sum((given.position - truth) ** 2, axis=-1)))
+    assert np.mean(inside) > 0.88
+    assert np.mean(error) < 1.5 * np.mean(stated)
+
+
+@pytest.mark.parametrize("clocks", [0.0, 2.0, 10.0])
+def test_wrong_clocks_are_not_taken_for_a_wind(clocks):
+    for seed in range(8):
+        places, _, time, _ = scene(seed, 6, 40, 0.0)
+        time += clocks * SIGMA * np.random.default_rng([72, seed]).standard_normal(6)
+        assert locate(places, arrival_time=time, **HEARD).wind is None
 
 
 def test_there_is_no_wind_by_default():

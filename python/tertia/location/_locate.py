@@ -28,6 +28,7 @@ from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._common import included, without_common
 from tertia.location._doubts import doubt_numbers
+from tertia.location._explained import warn_if_explained
 from tertia.location._height import anywhere, azimuths_alone, read_height, without_height
 from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
@@ -69,7 +70,7 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
     propagation_speed_sigma: float | None = None,
-    wind_sigma: float = 0.0,
+    wind_sigma: float | None = None,
     multipath: bool = True,
     height: npt.ArrayLike | None = None,
     height_sigma: npt.ArrayLike | None = None,
@@ -132,11 +133,14 @@ def locate(
         as exact, as with 0, with one exception: a speed of at most 100 km/s, as of sound, is
         estimated with a standard deviation of 2 % if the method is "robust" and the measurements of
         several instants clearly contradict it.
-    wind_sigma : float
+    wind_sigma : float, optional
         Standard deviation of each horizontal component of a wind that carries the signals, in
         metres per second, such as 5 for sound in the open. The wind is the same at all instants of
         the call. It is then estimated with the positions, and the covariance includes its error.
-        This is for times of arrival without measurements of other kinds.
+        This is for times of arrival without measurements of other kinds. By default, the air is
+        still, as with 0, with one exception: a wind with components of 5 m/s is estimated if the
+        signals are sound in air and the measurements of several instants clearly contradict still
+        air.
     multipath : bool
         Whether outliers are assumed to be late 20 times as often as early, as with multipath; if
         False, both are equally likely. This applies to times of arrival, and to range differences
@@ -349,7 +353,11 @@ def locate(
             (method, integer(redundancy, "redundancy", 1)),
             (flag(multipath, "multipath"), correlation),
         ),
-        (pools, (speed.relative, wind.relative, speed.as_stated), threads(n_threads)),
+        (
+            pools,
+            (speed.relative, wind.relative, (speed.as_stated, wind.as_stated)),
+            threads(n_threads),
+        ),
     )
     common, rows, grows = without_common(
         stations if math.prod(batch) == 1 and not (pools or unknown) else (),
@@ -361,6 +369,8 @@ def locate(
     *result, (growth, factor, redundancies, missing), found = solve(*rows[2:4])
     nearly = partial(_nearly_as_stated, solve, pools or unknown)
     doubt_numbers(result, *rows[2:4], nearly, degrees=degrees)
+    if method == "robust" and free.any() and not (pools or unknown) and max(growth) > 1:
+        warn_if_explained(rows, (result[0], None, result[3]))
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = included(

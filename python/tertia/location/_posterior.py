@@ -102,7 +102,7 @@ def _require_bearings(
         (True, 0.0),
         free,
         True,
-        (0.0, 0.0, False),
+        (0.0, 0.0, (False, False)),
         n_threads,
     )
     statuses, degrees = np.ravel(columns[0]), np.ravel(columns[1])

@@ -64,7 +64,7 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
     propagation_speed_sigma: float | None = None,
-    wind_sigma: float = 0.0,
+    wind_sigma: float | None = None,
     multipath: bool = True,
     height: float | None = None,
     height_sigma: float | None = None,

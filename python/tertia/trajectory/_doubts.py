@@ -11,6 +11,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._doubts import doubt_numbers
+from tertia.location._explained import warn_if_explained
 from tertia.sensors._kinds import KINDS
 from tertia.trajectory._speed import height_rows, instants
 
@@ -162,12 +163,17 @@ def _warn_of_sides(found: dict[str, Any]) -> None:
             warnings.warn(remark, UserWarning, stacklevel=4)
 
 
-def doubt_measurements(record: dict[str, Any], found: dict[str, Any], *, degrees: bool) -> None:
-    """Warn if single instants contradict themselves, and would agree under another convention."""
+def doubt_measurements(
+    record: dict[str, Any], found: dict[str, Any], *, degrees: bool, free: bool
+) -> None:
+    """Warn if single instants contradict themselves, and would agree under another convention.
+
+    If systematic errors are `free`, also if a height, an offset or a clock explains contradictions.
+    """
     values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
         *(None, height_rows(record), None, ("robust", 3), (True, record["correlation"])),
-        *(sigmas.size * [False], False, (0.0, 0.0, False), 1),
+        *(sigmas.size * [False], False, (0.0, 0.0, (False, False)), 1),
     )
 
     def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
@@ -179,3 +185,12 @@ def doubt_measurements(record: dict[str, Any], found: dict[str, Any], *, degrees
     if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
         fixes = solve(values, known)
     doubt_numbers(fixes, values, known, solve, degrees=degrees)
+    knows_clocks = record["clocks"] is not None
+    if free and record["robust"] and not knows_clocks and found["failure"] is None:
+        position, velocity = np.split(found["mean"], 3, axis=1)[:2]
+        own = known if record["own_sigmas"] is None else record["own_sigmas"]
+        surveys = None if record["surveys"] is None else np.array(record["surveys"])
+        warn_if_explained(
+            (*rows, values, own, surveys, height_rows(record)),
+            (position, velocity, found["outlier"]),
+        )

@@ -78,7 +78,7 @@ def reconstruct(
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
     propagation_speed_sigma: float | None = None,
-    wind_sigma: float = 0.0,
+    wind_sigma: float | None = None,
     height: npt.ArrayLike | None = None,
     height_sigma: npt.ArrayLike | None = None,
     order: Order = "spatial-first",
@@ -134,7 +134,7 @@ def reconstruct(
         covariance includes the error of the estimate. It requires the order "spatial-first" and the
         smoother "rts". By default, the speed of sound is estimated if the measurements clearly
         contradict it, as in `tertia.location.locate`.
-    wind_sigma : float
+    wind_sigma : float, optional
         As for `tertia.location.locate`. It requires the same order and smoother.
     height, height_sigma : array_like of shape () or (N,), optional
         Last coordinate of the target in metres, as from a barometer, and its standard deviation,
@@ -394,7 +394,7 @@ def reconstruct(
         record, medium, arrivals, prior["bias_sigma"][:-k], threads(n_threads)
     )
     found = _core.reconstruct(record, steps, threads(n_threads))
-    doubt_measurements(record, found, degrees=degrees)
+    doubt_measurements(record, found, degrees=degrees, free=bool(np.isnan(given.sigma).any()))
     if found["failure"] is not None:
         _raise(found["failure"], stations)
     found = in_space(found) if flat else found
@@ -594,7 +594,7 @@ def _require_order(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
     names = ("propagation_speed_sigma", "wind_sigma")
-    speed = 0.0 if medium[0].as_stated else medium[0].relative
-    for name, sigma in zip(names, (speed, medium[1].relative), strict=True):
+    sigmas = (0.0 if one.as_stated else one.relative for one in medium)
+    for name, sigma in zip(names, sigmas, strict=True):
         if sigma > 0 and way != ("spatial-first", "rts"):
             raise ValueError(f"{name} needs order 'spatial-first' and smoother 'rts'")

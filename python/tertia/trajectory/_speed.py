@@ -42,7 +42,7 @@ def in_found_medium(
         (True, record["correlation"]),
         np.isnan(bias_sigma).tolist(),
         False,
-        (speed.relative, wind.relative, speed.as_stated),
+        (speed.relative, wind.relative, (speed.as_stated, wind.as_stated)),
         n_threads,
     )
     speed, wind = speed.found(*share), wind.found(blown, record["values"].shape)

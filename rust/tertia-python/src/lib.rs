@@ -55,7 +55,7 @@ mod core_module {
     };
     #[pymodule_export]
     use super::location::{
-        locate, locate_posterior, location_accuracy, location_radii, location_regions,
+        explanation, locate, locate_posterior, location_accuracy, location_radii, location_regions,
         posterior_radii, posterior_regions, predicted, protection_levels,
     };
     #[pymodule_export]

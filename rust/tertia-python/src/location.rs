@@ -14,7 +14,7 @@ use batch::{Batch, size};
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
 use tertia::location::{
-    self, Contradiction, Fix, Instant, Locator, Method, Mixture, Speed, Wind, Workspace,
+    self, Cause, Contradiction, Fix, Instant, Locator, Method, Mixture, Speed, Wind, Workspace,
 };
 use tertia::sensors::{KINDS, predict};
 
@@ -79,7 +79,8 @@ pub fn fix_columns<'py>(
 /// and the wind, if wind is allowed. `robustness` is the method and the degrees of freedom that it requires;
 /// `differences` contains whether late arrivals are more likely to be outliers, and the correlation of
 /// range differences; `medium` contains the prior standard deviations of the share, and of the wind in
-/// units of the signal speed, and whether the stated speed is used unless the instants contradict it.
+/// units of the signal speed, and whether the stated speed and still air are assumed unless the instants
+/// contradict them.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -95,7 +96,7 @@ pub fn locate<'py>(
     differences: (bool, f64),
     free: Vec<bool>,
     pooled: bool,
-    medium: (f64, f64, bool),
+    medium: (f64, f64, (bool, bool)),
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
     let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
@@ -176,6 +177,42 @@ pub fn locate<'py>(
     ))
 }
 
+/// Returns what explains the contradictions of located instants without outliers, its value and its standard
+/// deviation: the kind whose offset it is, the station whose clock it is, or the squared height of the target.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // the Python signature
+pub fn explanation(
+    py: Python<'_>,
+    stations: Input<'_>,
+    axes: Option<Input<'_>>,
+    values: Input<'_>,
+    sigmas: Input<'_>,
+    position_sigmas: Option<Input<'_>>,
+    height: Option<Input<'_>>,
+    positions: Input<'_>,
+    velocities: Option<Input<'_>>,
+) -> PyResult<Option<(&'static str, usize, f64, f64)>> {
+    let batch = Batch::new(&stations, axes.as_ref(), &values, &sigmas)?;
+    let batch = batch.with(position_sigmas.as_ref(), height.as_ref(), None)?;
+    let positions = positions.blocks("positions", 1)?;
+    positions.require(batch.d, batch.count())?;
+    let velocities = optional(velocities.as_ref(), "velocities", (1, batch.d), batch.count())?;
+    let (instants, locator) = (batch.instants(), Locator::new(Method::LeastSquares));
+    let moving = velocities.as_ref().map(|rows| &*rows.values);
+    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.explanation::<2>(&instants, &positions.values, moving),
+        _ => locator.explanation::<3>(&instants, &positions.values, moving),
+    })?;
+    Ok(found.map(|found| {
+        let (name, number) = match found.cause {
+            Cause::Slant => ("slant", 0),
+            Cause::Offset(kind) => ("offset", kind),
+            Cause::Clock(station) => ("clock", station),
+        };
+        (name, number, found.value, found.sigma)
+    }))
+}
+
 /// Returns the estimator for the side of the stations on which the targets of a batch are, if it is known.
 fn on_side(
     py: Python<'_>,
@@ -210,18 +247,22 @@ fn find_medium(
     py: Python<'_>,
     locator: &Locator,
     batch: &mut Batch<'_>,
-    (speed_sigma, wind_sigma, as_stated): (f64, f64, bool),
+    (speed_sigma, wind_sigma, as_stated): (f64, f64, (bool, bool)),
 ) -> PyResult<(Speed, Option<Wind>)> {
     let sigmas = (speed_sigma, wind_sigma);
     if sigmas == (0.0, 0.0) {
         return Ok((Speed::EXACT, None));
     }
     let instants = batch.instants();
-    let found = release(py, LOCATE_NS * batch.values.size(), || match (batch.d, as_stated) {
-        (2, false) => locator.medium::<2>(&instants, sigmas, &mut Workspace::default()),
-        (2, true) => locator.medium_as_stated::<2>(&instants, sigmas, &mut Workspace::default()),
-        (_, false) => locator.medium::<3>(&instants, sigmas, &mut Workspace::default()),
-        (_, true) => locator.medium_as_stated::<3>(&instants, sigmas, &mut Workspace::default()),
+    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => {
+            let mut workspace = Workspace::<2>::default();
+            locator.medium_as_stated(&instants, sigmas, as_stated, &mut workspace)
+        }
+        _ => {
+            let mut workspace = Workspace::<3>::default();
+            locator.medium_as_stated(&instants, sigmas, as_stated, &mut workspace)
+        }
     })?;
     drop(instants);
     *batch.values.values.to_mut() = found.values;

@@ -34,6 +34,7 @@ mod search;
 mod solver;
 
 pub use batch::contradiction::Contradiction;
+pub use batch::explained::{Cause, Explanation};
 pub use batch::mixture::Mixture;
 use descent::lane;
 pub use few_bearings::concentration::{Decay, STEPS, Weights};

@@ -86,7 +86,7 @@ def locate(
     ] = 0.5,
     propagation_speed: opt.PropagationSpeed = LIGHT,
     propagation_speed_sigma: opt.PropagationSpeedSigma = None,
-    wind_sigma: opt.WindSigma = 0.0,
+    wind_sigma: opt.WindSigma = None,
     multipath: Annotated[
         bool, option("Assume that outliers of arrival times are mostly late.")
     ] = True,

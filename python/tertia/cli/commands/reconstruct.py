@@ -54,7 +54,7 @@ def reconstruct(
     ] = None,
     propagation_speed: opt.PropagationSpeed = LIGHT,
     propagation_speed_sigma: opt.PropagationSpeedSigma = None,
-    wind_sigma: opt.WindSigma = 0.0,
+    wind_sigma: opt.WindSigma = None,
     height: Annotated[
         float | None,
         option(

@@ -128,7 +128,7 @@ PropagationSpeedSigma: TypeAlias = Annotated[
     option("Sigma of the propagation speed, which is then estimated.", metavar="M_S"),
 ]
 WindSigma: TypeAlias = Annotated[
-    float,
+    float | None,
     option("Sigma of each component of the wind, for times of arrival of sound.", metavar="M_S"),
 ]
 MotionModel: TypeAlias = Annotated[MotionName, option("Motion model of the targets.")]

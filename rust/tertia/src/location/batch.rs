@@ -2,6 +2,8 @@
 
 pub(super) mod contradiction;
 mod evidence;
+pub(super) mod explained;
+pub(super) mod lasting;
 pub(super) mod mixture;
 mod modes;
 mod normals;

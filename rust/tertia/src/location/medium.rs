@@ -16,7 +16,6 @@ use super::solver::{Locator, Workspace};
 use crate::base::small::{Factor, dot};
 use crate::sensors::KINDS;
 use speed::Speed;
-use steady::WRONG;
 use wind::Wind;
 
 /// Largest number of rounds.
@@ -74,20 +73,39 @@ impl Measured {
 }
 
 impl Locator {
-    /// As [`Self::medium`], but with the stated speed unless the instants contradict it.
+    /// As [`Self::medium`], but with the stated speed, or in still air, where this is `as_stated` unless the
+    /// instants contradict it.
     pub fn medium_as_stated<const D: usize>(
         &self,
         instants: &[Instant<'_>],
         sigmas: (f64, f64),
+        as_stated: (bool, bool),
         workspace: &mut Workspace<D>,
     ) -> Medium {
-        if instants.len() > 1 && self.may_have_other_speed(instants, sigmas.0, workspace) {
-            let found = self.medium(instants, sigmas, workspace);
-            if found.speed.share.abs() > WRONG * found.speed.sigma {
-                return found;
+        let known = kept(sigmas, (!as_stated.0, !as_stated.1));
+        let doubted = kept(sigmas, as_stated);
+        if instants.len() > 1 && self.may_have_other_medium(instants, doubted, workspace) {
+            // one of both may look like the other
+            let mut tried = [as_stated, (true, false), (false, true)].to_vec();
+            while !tried.is_empty() {
+                let (speed, wind) = tried.remove(0);
+                let (speed, wind) = (speed && as_stated.0, wind && as_stated.1);
+                if !(speed || wind) {
+                    continue;
+                }
+                let own = kept(sigmas, (speed || !as_stated.0, wind || !as_stated.1));
+                let found = self.medium(instants, own, workspace);
+                let is_other = !speed || found.speed.is_other();
+                let is_blown = !wind || self.is_blown(instants, &found, own.1, workspace);
+                match (is_other, is_blown) {
+                    (true, true) => return found,
+                    (true, false) if speed => tried = vec![(true, false)],
+                    (false, true) if wind => tried = vec![(false, true)],
+                    _ => {}
+                }
             }
         }
-        self.medium(instants, (0.0, sigmas.1), workspace)
+        self.medium(instants, known, workspace)
     }
 
     /// Estimates the medium. The arguments are the standard deviations of the relative difference of
@@ -131,6 +149,11 @@ impl Locator {
         let Measured { values, sigmas, .. } = found;
         Medium { speed, wind, values, sigmas }
     }
+}
+
+/// Returns these standard deviations, 0 for what is not marked.
+fn kept((speed, wind): (f64, f64), marks: (bool, bool)) -> (f64, f64) {
+    (if marks.0 { speed } else { 0.0 }, if marks.1 { wind } else { 0.0 })
 }
 
 /// Returns the speed with the uncertainty due to the wind, and adds the uncertainty due to the speed to

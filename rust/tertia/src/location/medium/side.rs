@@ -11,6 +11,7 @@
 //! have lasting errors (see [`steady`](super::steady)).
 
 use super::speed::{Trial, spread};
+use super::steady::evidence_against;
 use crate::location::search::fix::{Fix, Instant, Status};
 use crate::location::search::mirror::{Mirror, Side};
 use crate::location::solver::{Locator, Workspace};
@@ -73,9 +74,9 @@ impl Locator {
             .collect();
         let log_odds = log_odds(both.iter().map(|(_, likelier, _)| *likelier));
         let cleaned = both.iter().map(|(instant, _, values)| Instant { values, ..*instant });
-        let [above, below] = sides.map(|side| side.speed_sums(cleaned.clone(), 0.0, workspace));
+        let [above, below] = sides.map(|side| side.medium_sums(cleaned.clone(), 0.0, workspace));
         let sign = log_odds.signum();
-        let evidence = sign * above?.evidence_against(below?)? * variety(places);
+        let evidence = sign * evidence_against(above?, below?)? * variety(places);
         let is_known = log_odds.abs() > LIKELY && evidence > DECISIVE;
         is_known.then(|| self.with_side(mirror.side(sign, log_odds.abs())))
     }

@@ -5,12 +5,13 @@
 //! posterior of γ is approximated about its mode; its prior is normal, and a measurement that does not
 //! fit costs no more than a fault.
 
+use super::steady::WRONG;
 use crate::location::search::fix::{Fix, Instant, Solution, Status};
 use crate::location::solver::{Locator, Workspace};
 use crate::sensors::{KINDS, Kind};
 
 /// Largest number of instants of a batch, evenly spread, from which the speed is estimated.
-const SAMPLE: usize = 256;
+pub(super) const SAMPLE: usize = 256;
 /// Largest number of instants, evenly spread, with which the mode is located roughly.
 const FEW: usize = 32;
 /// Range of γ in the rough search, in standard deviations of the prior on either side.
@@ -41,6 +42,11 @@ pub struct Speed {
 impl Speed {
     /// A speed that is exactly as stated.
     pub const EXACT: Self = Self { share: 0.0, sigma: 0.0, alone: 0.0 };
+
+    /// Whether it is surely another speed than the stated one.
+    pub(super) fn is_other(&self) -> bool {
+        self.share.abs() > WRONG * self.sigma
+    }
 
     /// Stretches all distances that signals travelled, and likewise their standard deviations: 5 K
     /// numbers of each instant.
@@ -101,15 +107,15 @@ impl Locator {
         self.beside_lasting(spread(instants, SAMPLE), speed, sigma, workspace)
     }
 
-    /// Whether the stated speed may be wrong, if its share has this standard deviation. O(N M), for at most
-    /// 256 instants.
-    pub(in crate::location) fn may_have_other_speed<const D: usize>(
+    /// Whether the stated speed, or still air, may be wrong, if the share of the speed and the wind have these
+    /// standard deviations. O(N M), for at most 256 instants.
+    pub(in crate::location) fn may_have_other_medium<const D: usize>(
         &self,
         instants: &[Instant<'_>],
-        sigma: f64,
+        sigmas: (f64, f64),
         workspace: &mut Workspace<D>,
     ) -> bool {
-        self.suspects_speed(spread(instants, SAMPLE), sigma, workspace)
+        self.suspects_medium(spread(instants, SAMPLE), sigmas, workspace)
     }
 
     /// Returns the cost of the residuals of an instant if the signals are faster by this share.
