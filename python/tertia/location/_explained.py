@@ -27,31 +27,32 @@ def warn_if_explained(
     kept = np.where(outlier, np.nan, values)
     told = _core.explanation(places, axes, kept, *others, position, velocity)
     if told is not None:
-        warnings.warn(_said(*told), UserWarning, stacklevel=4)
+        warnings.warn(_said(*told), UserWarning, stacklevel=3)
 
 
 def _said(cause: str, number: int, value: float, sigma: float) -> str:
     if cause == "slant":
-        height = np.sqrt(value)
+        height = float(np.sqrt(value))
+        high = f"{_short(height)} m (± {_short(0.5 * sigma / height, 1)} m)"
         return (
-            f"the ranges contradict each other, and agree as slant ranges of a target about "
-            f"{_short(height)} m (± {_short(0.5 * sigma / height, 1)} m) above or below the stations: give the "
-            "stations with heights (three coordinates), or convert the ranges"
+            f"the ranges contradict each other, and agree as slant ranges of a target about {high} "
+            "above or below the stations: give the stations with heights (three coordinates), or "
+            "convert the ranges"
         )
     if cause == "clock":
-        way = "fast" if value > 0 else "slow"
+        late = f"{_short(abs(value))} s (± {_short(sigma, 1)} s) {'fast' if value > 0 else 'slow'}"
         return (
-            f"the measurements of station {number} contradict the others, and agree if its clock is "
-            f"{_short(abs(value))} s (± {_short(sigma, 1)} s) {way}: correct it (time of Bias), or let it be "
-            "estimated (time_sigma of Bias)"
+            f"the measurements of station {number} contradict the others, and agree if its clock "
+            f"is {late}: correct it (time of Bias), or let it be estimated (time_sigma of Bias)"
         )
     kind, unit = KINDS[number], "m"
     if kind in ANGLES:
         value, sigma, unit = np.degrees(value), np.degrees(sigma), "degrees"
+    error = f"{_short(abs(value))} {unit} (± {_short(sigma, 1)})"
     return (
-        f"the {kind}s contradict each other, and agree if all of them are {_short(abs(value))} "
-        f"{unit} (± {_short(sigma, 1)}) too {'large' if value > 0 else 'small'}: correct them "
-        f"({kind} of Bias), as for a compass error or a delay that all stations share"
+        f"the {kind}s contradict each other, and agree if all of them are {error} too "
+        f"{'large' if value > 0 else 'small'}: correct them ({kind} of Bias), as for a compass "
+        "error or a delay that all stations share"
     )
 
 

@@ -308,12 +308,10 @@ def locate(
         measured["arrival_time"] = _timed(arrivals, own)
     differences = "range_difference" in measured and correlation > 0
     timed = differences or arrivals is not None
-    if redundancy is None:
-        redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
+    usual = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
     require_kinds(measured, d, shared=differences)
     unknown = _is_unknown(measured)
-    start = _start(initial, d)
-    _require_method(method, measured, d, start, max_range)
+    _require_method(method, measured, d, start := _start(initial, d), max_range)
     _require_deviations(measured, unknown=unknown)
     level = read_height(height, height_sigma, d)
     speed, wind = read_medium(
@@ -350,7 +348,7 @@ def locate(
         rows,
         (
             None if start is None else _matched(start, batch, 1),
-            (method, integer(redundancy, "redundancy", 1)),
+            (method, integer(usual if redundancy is None else redundancy, "redundancy", 1)),
             (flag(multipath, "multipath"), correlation),
         ),
         (
