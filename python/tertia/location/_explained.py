@@ -22,10 +22,10 @@ def warn_if_explained(
     `rows` are the stations, their axes, the measurements (N, 5, K) with their sigmas, survey errors
     and heights, as the core has them; `found` are positions, velocities (N, D) and outliers.
     """
-    places, axes, values, *others = rows
+    places, axes, values, sigmas, surveys, height = rows
     position, velocity, outlier = found
     kept = np.where(outlier, np.nan, values)
-    told = _core.explanation(places, axes, kept, *others, position, velocity)
+    told = _core.explanation(places, axes, kept, sigmas, surveys, height, position, velocity)
     if told is not None:
         warnings.warn(_said(*told), UserWarning, stacklevel=3)
 
