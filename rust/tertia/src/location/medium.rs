@@ -84,25 +84,30 @@ impl Locator {
     ) -> Medium {
         let known = kept(sigmas, (!as_stated.0, !as_stated.1));
         let doubted = kept(sigmas, as_stated);
-        if instants.len() > 1 && self.may_have_other_medium(instants, doubted, workspace) {
-            // one of both may look like the other
-            let mut tried = [as_stated, (true, false), (false, true)].to_vec();
-            while !tried.is_empty() {
-                let (speed, wind) = tried.remove(0);
-                let (speed, wind) = (speed && as_stated.0, wind && as_stated.1);
-                if !(speed || wind) {
-                    continue;
-                }
-                let own = kept(sigmas, (speed || !as_stated.0, wind || !as_stated.1));
-                let found = self.medium(instants, own, workspace);
-                let is_other = !speed || found.speed.is_other();
-                let is_blown = !wind || self.is_blown(instants, &found, own.1, workspace);
-                match (is_other, is_blown) {
-                    (true, true) => return found,
-                    (true, false) if speed => tried = vec![(true, false)],
-                    (false, true) if wind => tried = vec![(false, true)],
-                    _ => {}
-                }
+        if instants.len() < 2 {
+            return self.medium(instants, known, workspace);
+        }
+        let (speed, wind) = self.may_have_other_medium(instants, doubted, workspace);
+        // the wind alone is found fastest; the speed alone may look like a wind
+        if wind {
+            let own = kept(sigmas, (!as_stated.0, true));
+            let found = self.medium(instants, own, workspace);
+            if self.is_blown(instants, &found, (doubted.0, sigmas.1), workspace) {
+                return found;
+            }
+        }
+        if speed && wind {
+            let found = self.medium(instants, sigmas, workspace);
+            if found.speed.is_other() && self.is_blown(instants, &found, (0.0, sigmas.1), workspace)
+            {
+                return found;
+            }
+        }
+        if speed {
+            let own = kept(sigmas, (true, !as_stated.1));
+            let found = self.medium(instants, own, workspace);
+            if found.speed.is_other() {
+                return found;
             }
         }
         self.medium(instants, known, workspace)

@@ -107,14 +107,14 @@ impl Locator {
         self.beside_lasting(spread(instants, SAMPLE), speed, sigma, workspace)
     }
 
-    /// Whether the stated speed, or still air, may be wrong, if the share of the speed and the wind have these
+    /// Whether the stated speed, and still air, may be wrong, if the share of the speed and the wind have these
     /// standard deviations. O(N M), for at most 256 instants.
     pub(in crate::location) fn may_have_other_medium<const D: usize>(
         &self,
         instants: &[Instant<'_>],
         sigmas: (f64, f64),
         workspace: &mut Workspace<D>,
-    ) -> bool {
+    ) -> (bool, bool) {
         self.suspects_medium(spread(instants, SAMPLE), sigmas, workspace)
     }
 

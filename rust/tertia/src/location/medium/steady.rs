@@ -37,7 +37,7 @@ impl Locator {
         sums.and_then(|sums| speed_of(sums, speed, prior)).unwrap_or(speed)
     }
 
-    /// Whether the stated speed and still air may be wrong, if the share of the speed and the wind have these
+    /// Whether the stated speed, and still air, may be wrong, if the share of the speed and the wind have these
     /// standard deviations: the residuals look like those of another speed or of a wind, or many measurements
     /// are outliers. O(N M + N K² + K³) for K stations.
     pub(in crate::location) fn suspects_medium<'a, const D: usize>(
@@ -45,26 +45,27 @@ impl Locator {
         instants: impl Iterator<Item = Instant<'a>>,
         (speed, wind): (f64, f64),
         workspace: &mut Workspace<D>,
-    ) -> bool {
-        let Some(sums) = self.medium_sums(instants, 0.0, workspace) else { return false };
+    ) -> (bool, bool) {
+        let Some(sums) = self.medium_sums(instants, 0.0, workspace) else { return (false, false) };
         if sums.outliers > MANY * sums.measured {
-            return true;
+            return (speed > 0.0, wind > 0.0);
         }
         let (prior, at) = ([speed, wind, wind], [0.0; UNKNOWNS]);
         let told = reduced(sums, &prior, &at).and_then(|sums| sums.mixed(&prior, &at));
-        told.is_some_and(|told| {
-            told.mean[0].abs() > SUSPECT * told.sigma(0)
-                || (wind > 0.0 && told.distance(1..UNKNOWNS) > SUSPECT)
+        told.map_or((false, false), |told| {
+            let is_blown = wind > 0.0 && told.distance(1..UNKNOWNS) > SUSPECT;
+            (told.mean[0].abs() > SUSPECT * told.sigma(0), is_blown)
         })
     }
 
-    /// Whether there is surely a wind, whose components have this standard deviation, and it leaves no
-    /// contradictions that look like lasting errors of the stations. O(N M + N K² + K³), for at most 256 instants.
+    /// Whether there is surely a wind, and it leaves no contradictions that look like lasting errors of the stations
+    /// or like another speed. The standard deviations are those of the share of the speed, 0 if the speed is right,
+    /// and of the components of the wind. O(N M + N K² + K³), for at most 256 instants.
     pub(super) fn is_blown<const D: usize>(
         &self,
         instants: &[Instant<'_>],
         found: &Medium,
-        sigma: f64,
+        (speed, sigma): (f64, f64),
         workspace: &mut Workspace<D>,
     ) -> bool {
         let Some(wind) = &found.wind else { return false };
@@ -72,12 +73,13 @@ impl Locator {
         let own = found.values.chunks(size).zip(found.sigmas.chunks(size)).zip(instants);
         let still: Vec<_> =
             own.map(|((values, sigmas), one)| Instant { values, sigmas, ..*one }).collect();
-        let (prior, at) = ([0.0, sigma, sigma], [0.0, wind.mean[0], wind.mean[1]]);
+        let (prior, at) = ([speed, sigma, sigma], [0.0, wind.mean[0], wind.mean[1]]);
         let sums = self.medium_sums(spread(&still, SAMPLE), 0.0, workspace);
         let told = sums.and_then(|sums| reduced(sums, &prior, &at)?.mixed(&prior, &at));
         told.is_some_and(|mut told| {
             told.mean.iter_mut().zip(at).for_each(|(mean, at)| *mean += at);
-            told.nothing > 0.5 && told.distance(1..UNKNOWNS) > WRONG
+            let is_right = speed == 0.0 || told.mean[0].abs() < SUSPECT * told.sigma(0);
+            is_right && told.nothing > 0.5 && told.distance(1..UNKNOWNS) > WRONG
         })
     }
 
