@@ -1,5 +1,7 @@
 """Paths from signals whose speed is known with a standard deviation."""
 
+import warnings
+
 import numpy as np
 import polars as pl
 import pytest
@@ -42,7 +44,10 @@ def test_regions_hold_with_an_unknown_speed(kind):
         inside.append(np.mean(in_region(error, track.covariance[:, :2, :2])))
         pulls.append((track.propagation_speed - speed) / track.propagation_speed_sigma)
         errors.append(np.mean(np.sum(error**2, axis=1)))
-        exact = path_of(places, travel, kind, propagation_speed_sigma=0.0)
+        with warnings.catch_warnings():
+            # ranges at a wrong speed that is taken as exact look like a common delay, which is told
+            warnings.simplefilter("ignore")
+            exact = path_of(places, travel, kind, propagation_speed_sigma=0.0)
         other = exact.position - path
         others.append(np.mean(np.sum(other**2, axis=1)))
     # with the speed as stated: 30 %, and some ranges do not meet

@@ -52,7 +52,7 @@ def _said(cause: str, number: int, value: float, sigma: float) -> str:
     return (
         f"the {kind}s contradict each other, and agree if all of them are {error} too "
         f"{'large' if value > 0 else 'small'}: correct them ({kind} of Bias), as for a compass "
-        "error or a delay that all stations share"
+        "error, a delay or a wrong speed of signals that all stations share"
     )
 
 

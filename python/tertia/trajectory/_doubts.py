@@ -185,8 +185,9 @@ def doubt_measurements(
     if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
         fixes = solve(values, known)
     doubt_numbers(fixes, values, known, solve, degrees=degrees)
-    knows_clocks = record["clocks"] is not None
-    if free and record["robust"] and not knows_clocks and found["failure"] is None:
+    # clocks and a speed that are estimated have effects like those of the causes
+    is_known = record["clocks"] is None and record["speed_sigma"] == 0
+    if free and record["robust"] and is_known and found["failure"] is None:
         position, velocity = np.split(found["mean"], 3, axis=1)[:2]
         own = known if record["own_sigmas"] is None else record["own_sigmas"]
         surveys = None if record["surveys"] is None else np.array(record["surveys"])
