@@ -16,6 +16,7 @@ use super::solver::{Locator, Workspace};
 use crate::base::small::{Factor, dot};
 use crate::sensors::KINDS;
 use speed::Speed;
+use steady::WRONG;
 use wind::Wind;
 
 /// Largest number of rounds.
@@ -42,6 +43,13 @@ pub struct Medium {
     pub values: Vec<f64>,
     /// Standard deviations of these measurements.
     pub sigmas: Vec<f64>,
+}
+
+impl Medium {
+    /// Returns the measurements in still air and their standard deviations.
+    fn still(&self) -> (&[f64], &[f64]) {
+        (&self.values, &self.sigmas)
+    }
 }
 
 impl Measured {
@@ -92,13 +100,26 @@ impl Locator {
         if wind {
             let own = kept(sigmas, (!as_stated.0, true));
             let found = self.medium(instants, own, workspace);
-            if self.is_blown(instants, &found, (doubted.0, sigmas.1), workspace) {
+            if self.is_blown(
+                instants,
+                found.still(),
+                found.wind.as_ref(),
+                (doubted.0, sigmas.1),
+                workspace,
+            ) {
                 return found;
             }
         }
         if speed && wind {
             let found = self.medium(instants, sigmas, workspace);
-            if found.speed.is_other() && self.is_blown(instants, &found, (0.0, sigmas.1), workspace)
+            if is_other(found.speed)
+                && self.is_blown(
+                    instants,
+                    found.still(),
+                    found.wind.as_ref(),
+                    (0.0, sigmas.1),
+                    workspace,
+                )
             {
                 return found;
             }
@@ -106,7 +127,7 @@ impl Locator {
         if speed {
             let own = kept(sigmas, (true, !as_stated.1));
             let found = self.medium(instants, own, workspace);
-            if found.speed.is_other() {
+            if is_other(found.speed) {
                 return found;
             }
         }
@@ -154,6 +175,11 @@ impl Locator {
         let Measured { values, sigmas, .. } = found;
         Medium { speed, wind, values, sigmas }
     }
+}
+
+/// Whether it is surely another speed than the stated one.
+fn is_other(speed: Speed) -> bool {
+    speed.share.abs() > WRONG * speed.sigma
 }
 
 /// Returns these standard deviations, 0 for what is not marked.

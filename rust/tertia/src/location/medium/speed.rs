@@ -5,7 +5,6 @@
 //! posterior of γ is approximated about its mode; its prior is normal, and a measurement that does not
 //! fit costs no more than a fault.
 
-use super::steady::WRONG;
 use crate::location::search::fix::{Fix, Instant, Solution, Status};
 use crate::location::solver::{Locator, Workspace};
 use crate::sensors::{KINDS, Kind};
@@ -42,11 +41,6 @@ pub struct Speed {
 impl Speed {
     /// A speed that is exactly as stated.
     pub const EXACT: Self = Self { share: 0.0, sigma: 0.0, alone: 0.0 };
-
-    /// Whether it is surely another speed than the stated one.
-    pub(super) fn is_other(&self) -> bool {
-        self.share.abs() > WRONG * self.sigma
-    }
 
     /// Stretches all distances that signals travelled, and likewise their standard deviations: 5 K
     /// numbers of each instant.

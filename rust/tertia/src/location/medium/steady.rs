@@ -4,8 +4,8 @@
 //! from p at the station s with the path d has an error of `−d δ − β·(s − p)`. The posterior of δ and β is
 //! that of unknowns which all instants have in common.
 
-use super::Medium;
 use super::speed::{FAULT, SAMPLE, Speed, spread};
+use super::wind::Wind;
 use crate::base::small::Vector;
 use crate::location::batch::lasting::Sums;
 use crate::location::search::fix::{Instant, Solution, Status};
@@ -64,13 +64,14 @@ impl Locator {
     pub(super) fn is_blown<const D: usize>(
         &self,
         instants: &[Instant<'_>],
-        found: &Medium,
+        (values, sigmas): (&[f64], &[f64]),
+        wind: Option<&Wind>,
         (speed, sigma): (f64, f64),
         workspace: &mut Workspace<D>,
     ) -> bool {
-        let Some(wind) = &found.wind else { return false };
+        let Some(wind) = wind else { return false };
         let size = instants.first().map_or(1, |one| one.values.len());
-        let own = found.values.chunks(size).zip(found.sigmas.chunks(size)).zip(instants);
+        let own = values.chunks(size).zip(sigmas.chunks(size)).zip(instants);
         let still: Vec<_> =
             own.map(|((values, sigmas), one)| Instant { values, sigmas, ..*one }).collect();
         let (prior, at) = ([speed, sigma, sigma], [0.0, wind.mean[0], wind.mean[1]]);
