@@ -43,8 +43,10 @@ def doubt_numbers(
     solve: Callable[[FloatArray, FloatArray], Found | None],
     *,
     degrees: bool,
-) -> None:
+) -> bool:
     """Warn if measurements contradict each other, and would agree under another convention.
+
+    Return whether this is so.
 
     `found` is the solution for `values` of shape (..., 5, K) and `sigmas`, with angles in radians,
     which were passed in `degrees`; `solve` computes the solution for other values, None if it needs
@@ -53,13 +55,13 @@ def doubt_numbers(
     outliers.
     """
     if found[-1][0].ndim == 0 and _is_usual(found[-1]):
-        return
+        return False
     tried, agrees = _agreement(found[-1], _CHANCES[0])
     if not tried or agrees >= _SHARES[0] * tried:
-        return
+        return False
     fits = _agrees(found[-1], _CHANCES[0]) | _fits_without_few(found)
     if np.count_nonzero(fits) >= _SHARES[0] * tried:
-        return
+        return False
     kinds = [kind for row, kind in enumerate(KINDS) if np.isfinite(values[..., row, :]).any()]
     if np.count_nonzero(fits | _is_near(found, sigmas)) >= _SHARES[0] * tried:
         # the angles have another meaning only if they are far off
@@ -67,11 +69,12 @@ def doubt_numbers(
     angles = [KINDS.index(kind) for kind in kinds if kind in ANGLES]
     if angles and not degrees and _are_degrees(values, sigmas, solve, angles):
         warnings.warn(_DEGREES, stacklevel=3)
-        return
+        return True
     for meant in CONVENTIONS:
         if meant.kind in kinds and _agree(solve(_meant(values, meant), sigmas)):
             warnings.warn(meant.message, stacklevel=3)
-            return
+            return True
+    return False
 
 
 def _are_degrees(

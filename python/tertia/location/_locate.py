@@ -366,11 +366,10 @@ def locate(
     solve = solver(grows)
     *result, (growth, factor, redundancies, missing), found = solve(*rows[2:4])
     nearly = partial(_nearly_as_stated, solve, pools or unknown)
-    doubt_numbers(result, *rows[2:4], nearly, degrees=degrees)
+    is_meant = not doubt_numbers(result, *rows[2:4], nearly, degrees=degrees)
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
-    if (method == "robust" and free.any() and max(growth) > 1) and not (
-        pools or unknown or speed.relative
-    ):
+    grown = method == "robust" and free.any() and max(growth) > 1
+    if is_meant and grown and not (pools or unknown or speed.relative):
         warn_if_explained(rows, (result[0], None, result[3]))
     unit = 1.0 if arrivals is None else arrivals.speed
     location = included(

@@ -153,7 +153,12 @@ class Doubts:
         if self._count >= _MOST or not self._unknown:
             self._unknown, self._plots = {}, []
             own = {k: several[several.sensor == k] for k in _ranging(self._sensors)}
-            said += mistakes(own, self._sensors, names, self._max_speed)
+            wrong = mistakes(own, self._sensors, names, self._max_speed)
+            if wrong:
+                # it also makes ranges and places look wrong
+                self._look = np.inf
+                self._ranges.stop()
+            said += wrong
         return said
 
 
@@ -216,14 +221,17 @@ def recording_doubts(
     """Return what there is to say about a recording, its tracks, and the errors of its sensors."""
     said = Shared(sensors).doubts(table, last=True)
     names = names_of(sensors)
-    said += place_doubts(sensors, bias, names) + range_doubts(table, plots, sensors, names)
     own = {k: plots[_begin(sensors[k], k, plots)] for k in _ranging(sensors)}
     for k, first in own.items():
         sensor, seen = sensors[k], seen_by(sensors[k], first)
         if not isinstance(sensor, Station):
             said += period_doubts(sensor, seen, names[k], max_speed)
     may_be_faster = not are_slow(table, max_speed)
-    said += mistakes(own, sensors, names, max_speed, may_be_faster=may_be_faster)
+    wrong = mistakes(own, sensors, names, max_speed, may_be_faster=may_be_faster)
+    if not wrong:
+        # otherwise, ranges and places look wrong, too
+        wrong = place_doubts(sensors, bias, names) + range_doubts(table, plots, sensors, names)
+    said += wrong
     return said + extent_doubts(table, plots, sensors, names)
 
 

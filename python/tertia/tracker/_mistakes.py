@@ -465,6 +465,10 @@ class Ranges:
         self._first = self._count = 0
         self._rows: list[Followed] = []
 
+    def stop(self) -> None:
+        """Look no more, as another mistake is known."""
+        self._looks, self._plots, self._rows = 0, [], []
+
     def doubts(self, table: TrackTable, plots: Plots, names: Sequence[str]) -> list[str]:
         """Return what there is to say, once, after an update with these plots and rows."""
         self._count += len(plots)

@@ -184,7 +184,8 @@ def doubt_measurements(
     fixes = found.get("fixes")
     if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
         fixes = solve(values, known)
-    doubt_numbers(fixes, values, known, solve, degrees=degrees)
+    if doubt_numbers(fixes, values, known, solve, degrees=degrees):
+        return
     # clocks and a speed that are estimated have effects like those of the causes
     is_known = record["clocks"] is None and record["speed_sigma"] == 0
     if free and record["robust"] and is_known and found["failure"] is None:

@@ -26,8 +26,10 @@ const WIDE: f64 = 10.0;
 /// Least logarithm of the odds, number of standard deviations from 0, and effect in standard deviations of the
 /// measurements.
 const ODDS: f64 = 7.0;
-const SURELY: f64 = 6.0;
+const SURELY: f64 = 10.0;
 const MATERIAL: f64 = 1.0;
+/// Largest offset of elevations, rad: where they seem to have a larger one, they are measured in another way.
+const TILT: f64 = 0.2;
 /// Number of times that a height is improved, and of steps of each position to it.
 const ROUNDS: usize = 6;
 const STEPS: usize = 3;
@@ -102,7 +104,11 @@ impl Locator {
             let squared = if columns.causes[cause] == Cause::Slant { at[cause] } else { 0.0 };
             columns.sums::<D>(self, instants, (positions, velocities), squared)
         };
-        let is_right = value > 0.0 || columns.causes[cause] != Cause::Slant;
+        let is_right = match columns.causes[cause] {
+            Cause::Slant => value > 0.0,
+            Cause::Offset(kind) if kind == Kind::Elevation as usize => value.abs() < TILT,
+            _ => true,
+        };
         let sigma = sigma.max(parts.explains(cause, &at, value)?);
         (is_right && value.abs() > SURELY * sigma).then_some(Explanation {
             cause: columns.causes[cause],
