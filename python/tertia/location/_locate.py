@@ -368,8 +368,11 @@ def locate(
     nearly = partial(_nearly_as_stated, solve, pools or unknown)
     is_meant = not doubt_numbers(result, *rows[2:4], nearly, degrees=degrees)
     speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
-    grown = method == "robust" and free.any() and max(growth) > 1
-    if is_meant and grown and not (pools or unknown or speed.relative):
+    if (
+        is_meant
+        and (method == "robust" and free.any() and max(growth) > 1)
+        and not (pools or unknown or speed.relative)
+    ):
         warn_if_explained(rows, (result[0], None, result[3]))
     unit = 1.0 if arrivals is None else arrivals.speed
     location = included(
