@@ -45,6 +45,7 @@ __all__ = [
     "critical_value",
     "ecef_to_geodetic",
     "estimate_bearing",
+    "explanation",
     "false_alarm_probability",
     "filter_series",
     "first_outside",
